@@ -1,0 +1,96 @@
+"""The cube in which grasps are sought: the one owner of its size, resolution, table height and truncation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from neugrasp.geometry.camera import Box, Camera
+from neugrasp.geometry.pose import Array, apply
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """A cube of space divided into voxels. Its frame: origin at the lower corner, z up, metres."""
+
+    size: float = 0.30
+    """Edge length in metres."""
+    resolution: int = 40
+    """Voxels per edge."""
+    table_height: float = 0.05
+    """z of the table plane in the workspace frame, metres."""
+    truncation: float = 0.03
+    """Metres that one unit of a signed distance stands for."""
+    photo_height: float = 0.15
+    """Height above the table, in metres, up to which photos are cropped to show the cube. The empty top of
+    the cube is close to the cameras and would double the width of the crop."""
+    world_from_workspace: Array = field(default_factory=lambda: np.eye(4))
+
+    @property
+    def voxel_size(self) -> float:
+        """Edge of a voxel in metres."""
+        return self.size / self.resolution
+
+    @property
+    def centre(self) -> Array:
+        """The middle of the table inside the cube, in the workspace frame: where cameras look."""
+        return np.array([self.size / 2, self.size / 2, self.table_height])
+
+    def corners(self, bottom: float = 0.0, top: float | None = None) -> Array:
+        """The 8 corners (8, 3) of the cube, or of its slice between two heights, workspace frame."""
+        top = self.size if top is None else top
+        low, high = np.array([0.0, 0.0, bottom]), np.array([self.size, self.size, top])
+        choice = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(8, 3)
+        return np.where(choice == 1, high, low)
+
+    def voxel_centres(self) -> Array:
+        """Positions (resolution, resolution, resolution, 3) of voxels [x, y, z]: (i + 0.5) voxel sizes."""
+        axis = (np.arange(self.resolution) + 0.5) * self.voxel_size
+        return np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
+
+    def index_of(self, points: ArrayLike) -> np.ndarray:
+        """Voxel indices (..., 3), int64, of workspace points; the caller checks `contains` first."""
+        return np.floor(np.asarray(points, dtype=np.float64) / self.voxel_size).astype(np.int64)
+
+    def position_of(self, index: ArrayLike) -> Array:
+        """Workspace position of voxel indices, whole or fractional: index i is the centre (i + 0.5)."""
+        return (np.asarray(index, dtype=np.float64) + 0.5) * self.voxel_size
+
+    def contains(self, points: ArrayLike) -> np.ndarray:
+        """Whether workspace points (..., 3) lie in the cube."""
+        points = np.asarray(points)
+        return np.all((points >= 0) & (points < self.size), axis=-1)
+
+    def to_unit(self, points: Tensor) -> Tensor:
+        """Workspace metres (..., 3) to the [-1, 1] cube whose faces are the cube's faces."""
+        return points * (2 / self.size) - 1
+
+    def photo_box(self, camera: Camera) -> Box:
+        """The square of the photo, in pixels, that shows the cube; `camera` in the workspace frame.
+
+        The projection of the cube from just under the table to `photo_height` above it, cut to the sensor,
+        then widened to a square about its middle. It reaches past the photo where that is not square.
+        """
+        bottom = self.table_height - 0.01
+        pixels, depth = camera.project(self.corners(bottom, self.table_height + self.photo_height))
+        seen = camera.bounds
+        if np.any(depth < 0.01):
+            left, top, right, bottom_edge = seen
+        else:
+            left, top = np.maximum(pixels.min(axis=0), seen[:2])
+            right, bottom_edge = np.minimum(pixels.max(axis=0), seen[2:])
+        if right - left < 2 or bottom_edge - top < 2:
+            return seen
+        side = max(right - left, bottom_edge - top)
+        u, v = (left + right) / 2, (top + bottom_edge) / 2
+        return (u - side / 2, v - side / 2, u + side / 2, v + side / 2)
+
+    def to_world(self, points: ArrayLike) -> Array:
+        """Workspace points (..., 3) in the world."""
+        return apply(self.world_from_workspace, points)

@@ -1,0 +1,44 @@
+"""What every detector receives: photos, photos of the empty table, and cameras."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neugrasp.errors import InputError
+from neugrasp.geometry.camera import Camera
+from neugrasp.geometry.workspace import Workspace
+
+Image = NDArray[np.uint8]
+"""RGB, (height, width, 3)."""
+
+MAX_VIEWS = 8
+
+
+@dataclass(frozen=True)
+class View:
+    """One photo of the objects and one of the empty table from the same camera."""
+
+    image: Image
+    background: Image
+    camera: Camera
+    """`world_from_camera` is in the user's world."""
+    name: str = ""
+    """Where it came from, for messages."""
+
+
+@dataclass(frozen=True)
+class Views:
+    """Everything a detector may know about a scene. Raises `InputError` on 0 or more than 8 views."""
+
+    views: tuple[View, ...]
+    workspace: Workspace
+
+    def __post_init__(self) -> None:
+        if not 1 <= len(self.views) <= MAX_VIEWS:
+            raise InputError(f"{len(self.views)} views given; a scene has 1 to {MAX_VIEWS} views")
+
+    def __len__(self) -> int:
+        return len(self.views)
