@@ -1,0 +1,96 @@
+"""Views as the network wants them: cropped to the workspace, resized, as tensors in the workspace frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from PIL import Image as PilImage
+from torch import Tensor
+
+from neugrasp.errors import InputError
+from neugrasp.geometry.camera import Box, Camera
+from neugrasp.geometry.pose import inverse
+from neugrasp.geometry.sampling import CameraTensors
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.views import Image, Views
+
+
+@dataclass(frozen=True)
+class ViewTensors:
+    """What one forward pass reads; everything in the workspace frame."""
+
+    images: Tensor
+    """(n, 3, s, s) RGB in [0, 1]."""
+    backgrounds: Tensor
+    """(n, 3, s, s) RGB in [0, 1]."""
+    cameras: CameraTensors
+
+    def to(self, device: torch.device | str) -> ViewTensors:
+        """The same views on another device."""
+        return ViewTensors(self.images.to(device), self.backgrounds.to(device), self.cameras.to(device))
+
+
+def to_tensor(images: list[Image] | np.ndarray) -> Tensor:
+    """uint8 photos (n, h, w, 3) as float32 (n, 3, h, w) in [0, 1]."""
+    return torch.from_numpy(np.stack(list(images))).permute(0, 3, 1, 2).float() / 255
+
+
+def crop_and_resize(image: Image, box: Box, sensed: Box, size: int) -> Image:
+    """The part of a photo inside `box` (pixel edges) at size x size, averaged where it shrinks.
+
+    What lies outside `sensed` is filled by repeating the nearest measured pixel.
+    """
+    left, top, right, bottom = (round(edge + 0.5) for edge in sensed)
+    measured = image[max(top, 0) : bottom, max(left, 0) : right]
+    pad = int(np.ceil(max(0, *(np.abs(box)), *measured.shape[:2])))
+    x0, y0, x1, y1 = box
+    reach = [y0 + 0.5 - top, bottom - y1 - 0.5, x0 + 0.5 - left, right - x1 - 0.5]
+    before_y, after_y, before_x, after_x = (min(pad, int(np.ceil(max(0.0, -r)))) for r in reach)
+    padded = np.pad(measured, ((before_y, after_y), (before_x, after_x), (0, 0)), mode="edge")
+    # PIL boxes count from the left edge of the first pixel.
+    origin = np.array([left - before_x, top - before_y, left - before_x, top - before_y])
+    inside = np.clip(np.array(box) + 0.5 - origin, 0, [padded.shape[1], padded.shape[0]] * 2)
+    resized = PilImage.fromarray(padded).resize((size, size), PilImage.Resampling.BILINEAR, box=tuple(inside))
+    return np.asarray(resized)
+
+
+def is_network_ready(camera: Camera, size: int) -> bool:
+    """Whether a photo is already a crop of the network's size (as the generator renders them)."""
+    return camera.sensed is not None and camera.width == size and camera.height == size
+
+
+def prepare(views: Views, size: int) -> ViewTensors:
+    """Crops every photo to the workspace and resizes it to `size`, the cameras with it.
+
+    Any number of views, each of any resolution. Photos that carry a `sensed` region and have the network's
+    size already are such crops and pass unchanged. Raises `InputError` where a photo misses the workspace.
+    """
+    workspace_from_world = inverse(views.workspace.world_from_workspace)
+    images, backgrounds, cameras = [], [], []
+    for index, view in enumerate(views.views):
+        camera = view.camera.moved(workspace_from_world)
+        if is_network_ready(camera, size):
+            images.append(view.image)
+            backgrounds.append(view.background)
+            cameras.append(camera)
+            continue
+        box = views.workspace.photo_box(camera)
+        _check_box(box, camera, views.workspace, view.name or f"view {index}")
+        images.append(crop_and_resize(view.image, box, camera.bounds, size))
+        backgrounds.append(crop_and_resize(view.background, box, camera.bounds, size))
+        cameras.append(replace(camera.cropped_and_resized(box, size, size)))
+    return ViewTensors(to_tensor(images), to_tensor(backgrounds), CameraTensors.of(cameras))
+
+
+def _check_box(box: Box, camera: Camera, workspace: Workspace, name: str) -> None:
+    pixels, depth = camera.project(workspace.centre)
+    left, top, right, bottom = camera.bounds
+    if depth <= 0 and box == camera.bounds:
+        raise InputError(
+            f"{name}: the workspace lies behind the camera; poses must be world_from_camera of an OpenCV "
+            f"camera (x right, y down, z forward)"
+        )
+    if not (left <= pixels[0] <= right and top <= pixels[1] <= bottom) and box == camera.bounds:
+        raise InputError(f"{name}: the workspace lies outside the photo (its centre projects to {pixels})")

@@ -1,0 +1,126 @@
+"""The whole network: photos -> features -> volumes -> signed distance -> TSDF -> grasps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from neugrasp.geometry.sampling import sample_images
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.model.config import ModelConfig
+from neugrasp.model.features import FeatureNet, ResidualAttention
+from neugrasp.model.grasp_head import GraspHead, GraspVolume
+from neugrasp.model.inputs import ViewTensors
+from neugrasp.model.rendering import Rays, Rendered, composite, concentrate, ray_weights, spread
+from neugrasp.model.sdf import EncodedViews, FieldSamples, SdfField
+from neugrasp.model.volumes import VolumeNet
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """A scene, its signed distance on the grid, and where it was seen."""
+
+    scene: EncodedViews
+    sdf: Tensor
+    """(r, r, r), truncation units, not clipped."""
+    seen: Tensor
+    """(r, r, r) bool: whether any view sees the voxel."""
+
+    @property
+    def tsdf(self) -> Tensor:
+        """The truncated signed distance, in [-1, 1]."""
+        return self.sdf.clamp(-1, 1)
+
+
+class NeuGrasp(nn.Module):
+    """The network of the paper; `config` switches its ablations."""
+
+    def __init__(self, config: ModelConfig, workspace: Workspace | None = None):
+        super().__init__()
+        self.config = config
+        self.workspace = workspace or Workspace()
+        self.features = FeatureNet(config)
+        uses_attention = config.use_backgrounds and config.use_residual_attention
+        self.residual = ResidualAttention(config.feature_dim) if uses_attention else None
+        self.volumes = VolumeNet(config)
+        self.field = SdfField(config)
+        self.head = GraspHead(config)
+        if config.learned_sharpness:
+            # exp(10 v) = 100 per metre at the start (method.md J2).
+            self.log_sharpness = nn.Parameter(torch.tensor(0.46))
+
+    def forward(self, views: ViewTensors) -> tuple[Reconstruction, GraspVolume]:
+        """Surface and grasps from photos."""
+        reconstruction = self.reconstruct(self.encode(views.images), self.encode_backgrounds(views), views)
+        return reconstruction, self.head(reconstruction.tsdf.unsqueeze(0))
+
+    def encode(self, images: Tensor) -> Tensor:
+        """Feature maps (n, d, s / 4, s / 4) of images (n, 3, s, s)."""
+        maps: Tensor = self.features(images)
+        return maps
+
+    def encode_backgrounds(self, views: ViewTensors) -> Tensor | None:
+        """Feature maps of the backgrounds, which may be kept for as long as the cell stays as it is."""
+        return self.encode(views.backgrounds) if self.config.use_backgrounds else None
+
+    def reconstruct(self, scene: Tensor, background: Tensor | None, views: ViewTensors) -> Reconstruction:
+        """The field and its values on the grid, from the feature maps of photos and backgrounds."""
+        maps = self._field_maps(scene, background)
+        centres = torch.from_numpy(self.workspace.voxel_centres()).to(scene).reshape(-1, 3)
+        pixels, seen = views.cameras.project(centres)
+        prior_maps = scene if background is None else torch.cat([scene, scene - background], dim=1)
+        sampled = sample_images(
+            torch.cat([prior_maps, maps[:, scene.shape[1] :]], 1), pixels, views.cameras.size
+        )
+        dim = self.config.feature_dim
+        volumes = [self.volumes(sampled[:, :dim], seen)]
+        if background is not None and self.config.use_occupancy_prior:
+            volumes.append(self.volumes(sampled[:, dim : 2 * dim], seen))
+        encoded = EncodedViews(views.images, maps, tuple(volumes), views.cameras, self.workspace)
+        at_voxels = sampled[:, :dim]
+        if background is not None:
+            at_voxels = torch.cat([at_voxels, sampled[:, 2 * dim :]], dim=1)
+        sdf = self.field.on_grid(encoded, at_voxels, seen)
+        return Reconstruction(encoded, sdf, seen.any(0).reshape(sdf.shape))
+
+    def _field_maps(self, scene: Tensor, background: Tensor | None) -> Tensor:
+        if background is None:
+            return scene
+        attended = scene if self.residual is None else self.residual(scene, background)
+        return torch.cat([scene, attended], dim=1)
+
+    def sharpness(self, scheduled: float) -> Tensor:
+        """NeuS sharpness in 1 / metre: learned if the model learns it, else the schedule's value."""
+        if self.config.learned_sharpness:
+            return torch.exp(10 * self.log_sharpness).clamp(1e-6, 1e6)
+        return next(self.parameters()).new_tensor(scheduled)
+
+    def render(
+        self,
+        scene: EncodedViews,
+        rays: Rays,
+        sharpness: Tensor,
+        generator: torch.Generator | None = None,
+    ) -> tuple[Rendered, Rendered]:
+        """Coarse and fine renderings of rays of one camera; with a generator, samples are jittered."""
+        coarse_at = spread(rays, self.config.coarse_samples, generator)
+        coarse = self._render_at(scene, rays, coarse_at, sharpness)
+        fine_at = concentrate(coarse_at, coarse.weights, self.config.fine_samples, generator)
+        return coarse, self._render_at(scene, rays, fine_at, sharpness)
+
+    def weights_along(
+        self, scene: EncodedViews, rays: Rays, sharpness: Tensor, generator: torch.Generator | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """Weights (r, s - 1) of coarse intervals and the distances of their middles, without colours."""
+        distances = spread(rays, self.config.coarse_samples, generator)
+        sdf = self.field(scene, rays.points(distances)).sdf * self.workspace.truncation
+        return ray_weights(sdf, sharpness), (distances[:, 1:] + distances[:, :-1]) / 2
+
+    def _render_at(self, scene: EncodedViews, rays: Rays, distances: Tensor, sharpness: Tensor) -> Rendered:
+        samples: FieldSamples = self.field(scene, rays.points(distances), eye=rays.origins[0])
+        if samples.colour is None:
+            raise AssertionError("colours were asked for")
+        metres = samples.sdf * self.workspace.truncation
+        return composite(metres, samples.colour, distances, sharpness)

@@ -1,0 +1,70 @@
+"""Linear attention against its definition, written out."""
+
+from __future__ import annotations
+
+import torch
+from torch.testing import assert_close
+
+from neugrasp.model.attention import RayTransformer, ViewTransformer, positive
+
+
+def attend(query: torch.Tensor, key: torch.Tensor, value: torch.Tensor, heads: int) -> torch.Tensor:
+    """(s, d) tokens of one point: the definition, one head at a time."""
+    out = []
+    for q, k, v in zip(*(x.chunk(heads, dim=1) for x in (query, key, value)), strict=True):
+        weights = positive(q) @ positive(k).T
+        out.append(weights / weights.sum(1, keepdim=True) @ v)
+    return torch.cat(out, dim=1)
+
+
+def finish(layer: ViewTransformer | RayTransformer, x: torch.Tensor, message: torch.Tensor) -> torch.Tensor:
+    """The rest of LoFTR's encoder layer on (s, d)."""
+
+    def norm(y: torch.Tensor) -> torch.Tensor:
+        return torch.nn.functional.layer_norm(y, y.shape[-1:])
+
+    message = norm(message @ layer.merge.weight.T)
+    first, last = (
+        (layer.expand.weight, layer.contract.weight)
+        if isinstance(layer, ViewTransformer)
+        else (layer.mlp[0].weight, layer.mlp[2].weight)
+    )
+    return x + norm(torch.relu(torch.cat([x, message], 1) @ first.T) @ last.T)
+
+
+def test_view_transformer_is_linear_attention_of_token_and_views():
+    torch.manual_seed(0)
+    layer = ViewTransformer(12, heads=4)
+    tokens = torch.randn(5, 12, 7)
+    unified, views = layer(tokens, need_views=True)
+    assert views is not None
+    for point in range(7):
+        x = torch.cat([layer.token.T, tokens[:, :, point]])
+        message = attend(x @ layer.query.weight.T, x @ layer.key.weight.T, x @ layer.value.weight.T, 4)
+        expected = finish(layer, x, message)
+        assert_close(unified[:, point], expected[0], atol=1e-4, rtol=1e-4)
+        assert_close(views[:, :, point], expected[1:], atol=1e-4, rtol=1e-4)
+
+
+def test_unified_feature_is_the_same_without_view_features():
+    torch.manual_seed(0)
+    layer = ViewTransformer(8, heads=2)
+    tokens = torch.randn(3, 8, 11)
+    assert_close(layer(tokens, need_views=False)[0], layer(tokens, need_views=True)[0])
+
+
+def test_ray_transformer_is_linear_attention_along_each_ray():
+    torch.manual_seed(0)
+    layer = RayTransformer(12, heads=3)
+    x = torch.randn(4, 9, 12)
+    result = layer(x, torch.ones(4, 9, dtype=torch.bool))
+    for ray in range(4):
+        message = attend(layer.query(x[ray]), layer.key(x[ray]), layer.value(x[ray]), 3)
+        assert_close(result[ray], finish(layer, x[ray], message), atol=1e-4, rtol=1e-4)
+
+
+def test_rays_do_not_see_each_other():
+    torch.manual_seed(0)
+    layer = RayTransformer(8, heads=2)
+    x, asks = torch.randn(5, 6, 8), torch.ones(5, 6, dtype=torch.bool)
+    assert_close(layer(x, asks)[2:3], layer(x[2:3], asks[2:3]))
