@@ -1,0 +1,126 @@
+"""Grasp volume -> grasps: smoothing, masks, non-maximum suppression, and a count of what fell out and why.
+
+The voxel of a grasp holds its *grasp point*, at the roots of the fingers; the TCP lies `tcp_depth` further
+along the approach (docs/conventions.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from neugrasp.geometry.pose import Array, from_quaternion, to_quaternion
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.grasp import Grasp
+from neugrasp.gripper import Gripper
+
+Grid = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class SelectionConfig:
+    """VGN's constants (method.md C), as all systems of the paper use them."""
+
+    threshold: float = 0.9
+    """Smoothed quality below which a voxel is no grasp."""
+    smoothing: float = 1.0
+    """Standard deviation of the Gaussian over the quality, voxels."""
+    inside: tuple[float, float] = (-0.85, 0.0)
+    """Signed distances that count as just inside an object; grasp points lie elsewhere."""
+    reach: int = 2
+    """Voxels by which the outside is grown into what is neither outside nor inside."""
+    suppression: int = 4
+    """Edge of the cube, in voxels, in which only the best grasp survives."""
+    min_width: float = 0.01
+    """Narrowest opening, metres; the widest is `max_opening` less this."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What the network says of every voxel, as arrays [x, y, z] in the workspace frame."""
+
+    tsdf: Grid
+    """(r, r, r) in [-1, 1]."""
+    quality: Grid
+    """(r, r, r) in [0, 1]."""
+    rotation: Grid
+    """(4, r, r, r) quaternion xyzw."""
+    width: Grid
+    """(r, r, r) voxels."""
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Grasps in the workspace frame, best first, and how many voxels each rule rejected."""
+
+    grasps: tuple[Grasp, ...]
+    rejected: dict[str, int]
+    best_rejected: float
+    """The best smoothed quality of a voxel on a surface; says how far the threshold was."""
+
+
+def near_surface(tsdf: Grid, config: SelectionConfig) -> NDArray[np.bool_]:
+    """Voxels where a grasp point may lie: outside, or just under what is outside, but not inside."""
+    outside = tsdf > 0
+    inside = (tsdf > config.inside[0]) & (tsdf < config.inside[1])
+    grown = ndimage.binary_dilation(outside, iterations=config.reach, mask=~inside)
+    return np.asarray(grown, dtype=np.bool_)
+
+
+def select_grasps(
+    prediction: Prediction,
+    workspace: Workspace,
+    gripper: Gripper,
+    config: SelectionConfig | None = None,
+) -> Selection:
+    """Ranked grasps; every voxel ends as a grasp or in one of the rejection counts."""
+    config = config or SelectionConfig()
+    quality = ndimage.gaussian_filter(prediction.quality, config.smoothing, mode="nearest")
+    width = prediction.width * workspace.voxel_size
+    rejected: dict[str, int] = {}
+    alive = np.ones(quality.shape, dtype=bool)
+
+    def reject(reason: str, good: NDArray[np.bool_]) -> None:
+        nonlocal alive
+        rejected[reason] = int(np.count_nonzero(alive & ~good))
+        alive = alive & good
+
+    reject("off_the_surface", near_surface(prediction.tsdf, config))
+    best = float(quality[alive].max(initial=0.0))
+    reject("quality_below_threshold", quality >= config.threshold)
+    reject("too_narrow", width >= config.min_width)
+    reject("too_wide_for_the_gripper", width <= gripper.max_opening - config.min_width)
+    candidates = np.where(alive, quality, 0.0)
+    reject("not_the_best_nearby", candidates == ndimage.maximum_filter(candidates, config.suppression))
+    indices = np.argwhere(alive)
+    order = np.argsort(-quality[alive], kind="stable")
+    grasps = tuple(
+        decode_grasp(
+            workspace, gripper, tuple(index), prediction.rotation[(slice(None), *index)],
+            float(width[tuple(index)]), float(quality[tuple(index)]),
+        )
+        for index in indices[order]
+    )  # fmt: skip
+    return Selection(grasps, rejected, best)
+
+
+def decode_grasp(
+    workspace: Workspace,
+    gripper: Gripper,
+    index: tuple[int, ...],
+    quaternion_xyzw: NDArray[np.floating],
+    width: float,
+    score: float,
+) -> Grasp:
+    """The grasp in the workspace frame whose grasp point is the centre of voxel `index`; width in metres."""
+    pose = from_quaternion(quaternion_xyzw, workspace.position_of(index))
+    return Grasp(pose, width, score).advanced(gripper.tcp_depth)
+
+
+def encode_grasp(workspace: Workspace, gripper: Gripper, grasp: Grasp) -> tuple[np.ndarray, Array, float]:
+    """The inverse of `decode_grasp`: voxel index of the grasp point, quaternion xyzw, width in voxels."""
+    point = grasp.advanced(-gripper.tcp_depth).position
+    return workspace.index_of(point), to_quaternion(grasp.pose), grasp.width / workspace.voxel_size

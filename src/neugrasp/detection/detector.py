@@ -1,0 +1,131 @@
+"""The one interface of everything that finds grasps, and NeuGrasp behind it."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from neugrasp.detection.decode import Prediction, SelectionConfig, select_grasps
+from neugrasp.grasp import Grasp
+from neugrasp.gripper import Gripper
+from neugrasp.model.checkpoint import load_checkpoint
+from neugrasp.model.inputs import ViewTensors, prepare
+from neugrasp.model.network import NeuGrasp
+from neugrasp.views import Views
+
+
+@dataclass(frozen=True)
+class Detection:
+    """What a detector found."""
+
+    grasps: tuple[Grasp, ...]
+    """In the user's world, best first."""
+    tsdf: NDArray[np.float32]
+    """(r, r, r) in [-1, 1], indexed [x, y, z] in the workspace frame."""
+    rejected: dict[str, int]
+    """How many of the voxels each rule rejected."""
+    best_rejected: float
+    """The best quality of any voxel near a surface."""
+    timing_s: dict[str, float]
+    """Seconds of each stage."""
+
+
+class Detector(Protocol):
+    """Anything that finds grasps in views."""
+
+    def detect(self, views: Views) -> Detection:
+        """Ranked grasps of a scene."""
+        ...
+
+
+class Stopwatch:
+    """Seconds by stage."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Adds the time of the block to stage `name`."""
+        start = time.perf_counter()
+        yield
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+
+
+class NeuGraspDetector:
+    """Photos to grasps with the network. Features of the last backgrounds are kept and reused."""
+
+    def __init__(
+        self,
+        model: NeuGrasp,
+        gripper: Gripper,
+        selection: SelectionConfig | None = None,
+        device: str | torch.device = "cpu",
+    ):
+        self.model = model.to(device).eval()
+        self.gripper = gripper
+        self.selection = selection or SelectionConfig()
+        self.device = torch.device(device)
+        self._background_key = ""
+        self._background_maps: Tensor | None = None
+
+    @classmethod
+    def load(
+        cls,
+        weights: str | Path = "neugrasp",
+        gripper: str | Path = "panda",
+        device: str | torch.device = "cpu",
+        threshold: float | None = None,
+    ) -> NeuGraspDetector:
+        """From shipped weights by name or a weights file, and a gripper by name or file.
+
+        Raises `InputError` where either cannot be used.
+        """
+        selection = SelectionConfig() if threshold is None else SelectionConfig(threshold=threshold)
+        return cls(load_checkpoint(weights).model(), Gripper.load(gripper), selection, device)
+
+    @torch.no_grad()
+    def detect(self, views: Views) -> Detection:
+        """Surface and ranked grasps; raises `InputError` where a photo misses the workspace."""
+        watch = Stopwatch()
+        with watch.stage("prepare"):
+            inputs = prepare(views, self.model.config.image_size).to(self.device)
+        with watch.stage("backgrounds"):
+            background = self._backgrounds(inputs)
+        with watch.stage("images"):
+            scene = self.model.encode(inputs.images)
+        with watch.stage("reconstruct"):
+            reconstruction = self.model.reconstruct(scene, background, inputs)
+            tsdf = reconstruction.tsdf
+        with watch.stage("grasp_head"):
+            volume = self.model.head(tsdf.unsqueeze(0))
+            prediction = Prediction(
+                tsdf.float().cpu().numpy(),
+                volume.quality[0].float().cpu().numpy(),
+                volume.rotation[0].float().cpu().numpy(),
+                volume.width[0].float().cpu().numpy(),
+            )
+        with watch.stage("selection"):
+            chosen = select_grasps(prediction, self.model.workspace, self.gripper, self.selection)
+            placed = views.workspace.world_from_workspace
+            grasps = tuple(grasp.moved(placed) for grasp in chosen.grasps)
+        return Detection(grasps, prediction.tsdf, chosen.rejected, chosen.best_rejected, watch.seconds)
+
+    def _backgrounds(self, inputs: ViewTensors) -> Tensor | None:
+        if not self.model.config.use_backgrounds:
+            return None
+        key = hashlib.sha256(inputs.backgrounds.cpu().numpy().tobytes()).hexdigest()
+        if key != self._background_key:
+            self._background_maps = self.model.encode_backgrounds(inputs)
+            self._background_key = key
+        return self._background_maps
