@@ -1,0 +1,45 @@
+"""Which pixels changed because an object is there: RGB against background, nothing else.
+
+A pixel that did not change says that all the space in front of it is free; one that changed as an object
+changes it says that there is matter. Shadows and reflections on the table change brightness smoothly and
+alike in all colours, so they count as neither; nor do the surroundings of an edge.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from neugrasp.views import Image
+
+SAME, OBJECT, UNSURE = 0, 1, -1
+OFFSET = 0.06
+"""Added before logarithms, so that noise in dark pixels does not count as contrast."""
+
+
+def change_labels(image: Image, background: Image) -> NDArray[np.int8]:
+    """Labels (h, w) of the pixels: SAME, OBJECT or UNSURE, from photos (h, w, 3)."""
+    scene = image.astype(np.float32) / 255
+    empty = background.astype(np.float32) / 255
+    difference = np.abs(scene - empty).sum(-1)
+    ratio = np.log(scene + OFFSET) - np.log(empty + OFFSET)
+    brightness = ratio.mean(-1)
+    chroma = np.abs(ratio - brightness[..., None]).max(-1)
+    # A shadow scales a patch by one factor; what lies behind glass or on metal is another picture.
+    texture = _local_deviation(brightness, 5)
+    object_like = (difference > 0.12) & ((chroma > 0.18) | (texture > 0.16))
+    object_like = ndimage.binary_opening(object_like, np.ones((2, 2)))
+    object_like = ndimage.binary_closing(object_like, np.ones((3, 3)), iterations=2)
+    nearby = ndimage.maximum_filter(ndimage.uniform_filter(difference, 3), 5)
+    enclosed = ndimage.binary_fill_holes(object_like)
+    labels = np.full(difference.shape, UNSURE, dtype=np.int8)
+    labels[(nearby < 0.05) & ~enclosed] = SAME
+    labels[ndimage.binary_erosion(object_like, iterations=1)] = OBJECT
+    return labels
+
+
+def _local_deviation(values: NDArray[np.float32], size: int) -> NDArray[np.float32]:
+    mean = ndimage.uniform_filter(values, size)
+    square = ndimage.uniform_filter(values**2, size)
+    return np.sqrt(np.maximum(square - mean**2, 0))

@@ -1,0 +1,65 @@
+"""Everything a training run depends on, besides its data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from neugrasp.model.config import ModelConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class LossWeights:
+    """What each term counts for; 0 leaves it out."""
+
+    photometric: float = 0.1
+    """Squared error summed over RGB; coarse and fine each (method.md B11)."""
+    eikonal: float = 0.1
+    grasp: float = 0.01
+    carving: float = 0.1
+    """Background carving: cross-entropy of what pixels that changed or not say of the space before them."""
+    tsdf: float = 0.0
+    """Geometry supervision; only the control recipe has it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainConfig:
+    """A course of training: first the grasp head alone on true TSDFs, then everything on photos."""
+
+    model: ModelConfig = field(default_factory=ModelConfig)
+    weights: LossWeights = field(default_factory=LossWeights)
+    steps: int = 300_000
+    head_steps: int = 0
+    """How many of the steps train the head alone, on true TSDFs made imperfect."""
+    head_batch: int = 8
+    """Grids in one step of the head's stage."""
+    learning_rate: float = 1e-4
+    head_learning_rate: float = 3e-4
+    halvings: int = 6
+    """How often the learning rate is halved over each stage (the paper: every 50k of 300k steps)."""
+    rays: int = 2304
+    """Rays of the target view per step."""
+    carving_rays: int = 0
+    """Further rays per step from an input view, for carving alone."""
+    sharpness: tuple[float, float] = (80.0, 400.0)
+    """NeuS sharpness in 1 / m at the start and the end, in geometric steps, unless the model learns it."""
+    view_dropout: float = 0.3
+    """Probability that a step sees fewer views than the record has."""
+    gradient_clip: float = 1.0
+    seed: int = 0
+    checkpoint_every: int = 100
+    validate_every: int = 2000
+    validation_scenes: int = 8
+
+    def learning_rate_at(self, step: int) -> float:
+        """Staircase within each stage, never below a tenth of a tenth of its start."""
+        in_head = step < self.head_steps
+        start, length = (0, self.head_steps) if in_head else (self.head_steps, self.steps - self.head_steps)
+        base = self.head_learning_rate if in_head else self.learning_rate
+        progress = (step - start) / max(1, length)
+        return base * max(0.01, 0.5 ** int(progress * self.halvings))
+
+    def sharpness_at(self, step: int) -> float:
+        """Scheduled NeuS sharpness in 1 / m; reaches its end at two thirds of the joint stage."""
+        start, end = self.sharpness
+        progress = (step - self.head_steps) / max(1, self.steps - self.head_steps)
+        return start * (end / start) ** min(1.0, max(0.0, 1.5 * progress))

@@ -1,0 +1,75 @@
+"""The scenes of a training run, in memory, and the order in which steps see them."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+
+from neugrasp.data.records import Record, read_record
+from neugrasp.data.shards import INDEX, Shards
+from neugrasp.errors import InputError
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.training.samples import PreparedRecord, Sample, prepare_record, sample_of
+
+
+def read_records(folder: Path) -> list[Record]:
+    """Every record in a folder of shards, or in one that `neugrasp generate` wrote.
+
+    Raises `InputError` where there are none or one is damaged.
+    """
+    if (folder / INDEX).is_file():
+        shards = Shards(folder)
+        return [shards[index] for index in range(len(shards))]
+    found = [path.parent for path in sorted(folder.rglob("grasps.npz")) if ".tmp" not in str(path)]
+    if not found:
+        raise InputError(f"{folder}: no records; `neugrasp generate` makes some")
+    return [read_record(path) for path in found]
+
+
+class TrainingSet:
+    """Records prepared once each, and the next sample made ready while a step runs."""
+
+    def __init__(self, records: list[Record], size: int, seed: int):
+        self.records = records
+        self.size = size
+        self.seed = seed
+        self.workspace = Workspace()
+        self._prepared: dict[int, PreparedRecord] = {}
+        self._pool = ThreadPoolExecutor(max_workers=1)
+        self._next: tuple[int, Future[Sample]] | None = None
+
+    def __len__(self) -> int:
+        return len(self.records)
+
+    def index_at(self, position: int) -> int:
+        """Which record comes at a position of the endless sequence: a new shuffle in every epoch."""
+        epoch, place = divmod(position, len(self.records))
+        order = np.random.default_rng([self.seed, 1, epoch]).permutation(len(self.records))
+        return int(order[place])
+
+    def sample_at(self, position: int) -> Sample:
+        """The augmented sample at a position; the same whenever it is asked for."""
+        rng = np.random.default_rng([self.seed, 2, position])
+        return sample_of(self._prepared_record(self.index_at(position)), self.workspace, self.size, rng)
+
+    def take(self, position: int) -> Sample:
+        """`sample_at`, while the one after it is already being made."""
+        waiting = self._next
+        sample = waiting[1].result() if waiting and waiting[0] == position else self.sample_at(position)
+        self._next = (position + 1, self._pool.submit(self.sample_at, position + 1))
+        return sample
+
+    def plain(self, index: int) -> Sample:
+        """A record as it stands, for validation."""
+        return sample_of(self._prepared_record(index), self.workspace, self.size, None)
+
+    def close(self) -> None:
+        """Stops the background thread."""
+        self._pool.shutdown(cancel_futures=True)
+
+    def _prepared_record(self, index: int) -> PreparedRecord:
+        if index not in self._prepared:
+            self._prepared[index] = prepare_record(self.records[index])
+        return self._prepared[index]

@@ -1,0 +1,94 @@
+"""One function per term of the loss."""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.model.grasp_head import GraspVolume
+from neugrasp.model.rendering import Rays, Rendered
+from neugrasp.training.change import OBJECT, SAME
+from neugrasp.training.samples import GraspLabels
+
+CARVING_CLEARANCE = 0.006
+"""Metres above the table from which on opacity counts as an object's."""
+
+
+def photometric_loss(rendered: Rendered, colour: Tensor, behind: Tensor) -> Tensor:
+    """Squared error summed over RGB, mean over rays; colour (r, 3) of the photo.
+
+    What gets through the whole workspace shows the empty scene `behind` it (r, 3).
+    """
+    seen = rendered.colour + (1 - rendered.opacity).clamp(min=0).unsqueeze(-1) * behind
+    return (seen - colour).square().sum(-1).mean()
+
+
+def carving_loss(
+    weights: Tensor, middles: Tensor, rays: Rays, labels: Tensor, workspace: Workspace
+) -> Tensor:
+    """Cross-entropy of the opacity above the table, half for pixels that changed, half for those that did not.
+
+    weights, middles (r, s - 1) of intervals along the rays; labels (r,) of `change_labels`.
+    """
+    heights = rays.origins[:, 2:] + middles * rays.directions[:, 2:]
+    above = (heights > workspace.table_height + CARVING_CLEARANCE).to(weights)
+    opacity = (weights * above).sum(1).clamp(1e-4, 1 - 1e-4)
+    terms = []
+    if (matter := labels == OBJECT).any():
+        terms.append(-torch.log(opacity[matter]).mean())
+    if (free := labels == SAME).any():
+        terms.append(-torch.log1p(-opacity[free]).mean())
+    return 0.5 * torch.stack(terms).sum() if terms else opacity.sum() * 0
+
+
+def eikonal_loss(sdf: Tensor, seen: Tensor, workspace: Workspace) -> Tensor:
+    """Mean of (|gradient| - 1)^2 by central differences on the grid, where the distance is not truncated.
+
+    sdf (r, r, r) in truncation units, so that lengths are metres over metres; `seen` (r, r, r) bool.
+    """
+    metres = sdf * workspace.truncation
+    step = 2 * workspace.voxel_size
+    core = (slice(1, -1),) * 3
+    gradient = torch.stack(
+        [(metres.roll(-1, axis)[core] - metres.roll(1, axis)[core]) / step for axis in range(3)]
+    )
+    norm = (gradient.square().sum(0) + 1e-8).sqrt()
+    counts = (sdf.detach().abs() < 1)[core] & seen[core]
+    return ((norm - 1).square() * counts).sum() / counts.sum().clamp(min=1)
+
+
+def tsdf_loss(tsdf: Tensor, truth: Tensor, observed: Tensor) -> Tensor:
+    """Smooth L1 to the true TSDF where it was observed, mean over the observed voxels."""
+    error = F.smooth_l1_loss(tsdf, truth, reduction="none")
+    return (error * observed).sum() / observed.sum().clamp(min=1)
+
+
+def grasp_loss(volume: GraspVolume, labels: list[GraspLabels]) -> Tensor:
+    """Cross-entropy of the quality, plus rotation and 0.01 width^2 where a grasp succeeded (method.md C).
+
+    One entry of `labels` for each grid of the volume. Successes and failures count half each, whatever
+    their number.
+    """
+    return torch.stack([_grasp_loss_of(volume, index, one) for index, one in enumerate(labels)]).mean()
+
+
+def _grasp_loss_of(volume: GraspVolume, grid: int, labels: GraspLabels) -> Tensor:
+    x, y, z = labels.index.unbind(1)
+    logits = volume.logits[grid, x, y, z]
+    success = labels.success
+    entropy = F.binary_cross_entropy_with_logits(logits, success.to(logits), reduction="none")
+    positives, negatives = success.sum().clamp(min=1), (~success).sum().clamp(min=1)
+    balanced = 0.5 * ((entropy * success).sum() / positives + (entropy * ~success).sum() / negatives)
+    rotation = rotation_distance(volume.rotation[grid, :, x, y, z].T, labels.quaternions)
+    width = (volume.width[grid, x, y, z] - labels.widths).square()
+    return balanced + ((rotation + 0.01 * width) * success).sum() / positives
+
+
+def rotation_distance(predicted: Tensor, truth: Tensor) -> Tensor:
+    """1 - |q . q'| (p,) of unit quaternions xyzw (p, 4), the better of the two that the gripper's symmetry allows."""
+    x, y, z, w = truth.unbind(1)
+    turned = torch.stack([y, -x, w, -z], dim=1)  # truth * rotation by pi about its own z axis
+    similarity = torch.maximum((predicted * truth).sum(1).abs(), (predicted * turned).sum(1).abs())
+    return 1 - similarity

@@ -1,0 +1,45 @@
+"""One picture of what the network makes of a validation scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image as PilImage
+
+from neugrasp.model.network import NeuGrasp
+from neugrasp.pictures.sheet import Tile, contact_sheet
+from neugrasp.pictures.slices import busiest_slice, slice_picture
+from neugrasp.training.change import OBJECT, SAME
+from neugrasp.training.samples import Sample
+from neugrasp.training.validation import reconstruct, render_view
+from neugrasp.views import Image
+
+
+def save_progress_picture(path: Path, model: NeuGrasp, sample: Sample, sharpness: float) -> None:
+    """A held-out view as photographed, as rendered and with what changed in it; true and predicted slices."""
+    reconstruction, volume = reconstruct(model, sample)
+    image, photo = render_view(model, reconstruction, sample.targets, 0, sharpness)
+    workspace = model.workspace
+    truth, tsdf = sample.tsdf.numpy(), reconstruction.tsdf.numpy()
+    slice_at = busiest_slice(truth, workspace)
+    quality = np.rot90(volume.quality[0].max(dim=1).values.numpy())
+    tiles = [
+        Tile(_bytes(photo), "held-out photo"),
+        Tile(_bytes(image), "rendered"),
+        Tile(_changes(sample.targets.changes[0].numpy()), "changed (white), same (black)"),
+        Tile(slice_picture(truth, workspace, index=slice_at), "true TSDF"),
+        Tile(slice_picture(tsdf, workspace, index=slice_at), "predicted TSDF"),
+        Tile(_bytes(np.repeat(quality[..., None], 3, axis=2)), "best grasp quality, from the side"),
+    ]
+    PilImage.fromarray(contact_sheet(tiles, columns=3)).save(path)
+
+
+def _bytes(image: np.ndarray) -> Image:
+    values = (np.clip(image, 0, 1) * 255).astype(np.uint8)
+    return np.asarray(PilImage.fromarray(values).resize((320, 320), PilImage.Resampling.NEAREST))
+
+
+def _changes(labels: np.ndarray) -> Image:
+    grey = np.where(labels == OBJECT, 1.0, np.where(labels == SAME, 0.0, 0.5))
+    return _bytes(np.repeat(grey[..., None], 3, axis=2))

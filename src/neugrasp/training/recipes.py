@@ -1,0 +1,100 @@
+"""Named courses of training. Each is a function that returns a complete configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from neugrasp.errors import InputError
+from neugrasp.model.config import ModelConfig
+from neugrasp.training.config import LossWeights, TrainConfig
+
+
+def small() -> TrainConfig:
+    """The default: half the paper's widths, without geometry supervision, for a day on a laptop's CPU."""
+    model = ModelConfig(
+        encoder_width=16,
+        feature_dim=16,
+        volume_dim=8,
+        coarse_samples=32,
+        fine_samples=24,
+        encoder_blocks=(2, 2, 3),
+    )
+    return TrainConfig(
+        model=model,
+        weights=LossWeights(carving=0.3),
+        steps=9_000,
+        head_steps=5_000,
+        learning_rate=1e-3,
+        head_learning_rate=1e-3,
+        rays=256,
+        carving_rays=256,
+        validate_every=1_000,
+    )
+
+
+def paper() -> TrainConfig:
+    """The paper's shapes, losses and schedule, literally: no carving, learned sharpness."""
+    return TrainConfig(
+        model=ModelConfig(learned_sharpness=True), weights=LossWeights(carving=0.0), view_dropout=0.0
+    )
+
+
+def tsdf() -> TrainConfig:
+    """The control: `small` with the TSDF itself as supervision."""
+    return replace(small(), weights=LossWeights(carving=0.0, tsdf=1.0))
+
+
+def without_attention() -> TrainConfig:
+    """Ablation "w/o f_attn" of `small`."""
+    return replace(small(), model=replace(small().model, use_residual_attention=False))
+
+
+def without_occupancy() -> TrainConfig:
+    """Ablation "w/o V_occ" of `small`."""
+    return replace(small(), model=replace(small().model, use_occupancy_prior=False))
+
+
+def without_backgrounds() -> TrainConfig:
+    """Ablation "w/o backgrounds" of `small`: the network does not see them; the losses still do."""
+    return replace(small(), model=replace(small().model, use_backgrounds=False))
+
+
+def tiny() -> TrainConfig:
+    """Twenty steps on a laptop's CPU: what the tests run."""
+    model = ModelConfig(
+        image_size=64,
+        encoder_width=4,
+        encoder_blocks=(1, 1, 1),
+        feature_dim=4,
+        volume_dim=4,
+        volume_hidden=(4, 4, 8, 8),
+        heads=4,
+        fusion_hidden=16,
+        fused_dim=16,
+        coarse_samples=12,
+        fine_samples=8,
+        head_channels=(4, 8, 8),
+    )
+    return replace(
+        small(), model=model, steps=20, head_steps=6, head_batch=2, rays=48, carving_rays=16,
+        checkpoint_every=5, validate_every=10, validation_scenes=1,
+    )  # fmt: skip
+
+
+RECIPES: dict[str, Callable[[], TrainConfig]] = {
+    "small": small,
+    "paper": paper,
+    "tsdf": tsdf,
+    "without-attention": without_attention,
+    "without-occupancy": without_occupancy,
+    "without-backgrounds": without_backgrounds,
+    "tiny": tiny,
+}
+
+
+def recipe(name: str) -> TrainConfig:
+    """The configuration of a named recipe. Raises `InputError` on an unknown name."""
+    if name not in RECIPES:
+        raise InputError(f"unknown recipe {name!r}; choose one of {', '.join(RECIPES)}")
+    return RECIPES[name]()

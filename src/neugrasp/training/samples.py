@@ -1,0 +1,243 @@
+"""Records -> training samples: one of the eight symmetries of the workspace, jitter, a choice of views."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from PIL import Image as PilImage
+from scipy.spatial.transform import Rotation
+from torch import Tensor
+
+from neugrasp.data.records import Record
+from neugrasp.geometry.camera import Camera
+from neugrasp.geometry.pose import Array
+from neugrasp.geometry.sampling import CameraTensors
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.model.inputs import ViewTensors, to_tensor
+from neugrasp.training.change import change_labels
+from neugrasp.views import Image, View
+
+
+@dataclass(frozen=True)
+class GraspLabels:
+    """Trials of one scene, as the loss reads them."""
+
+    index: Tensor
+    """(p, 3) voxel of the grasp point."""
+    quaternions: Tensor
+    """(p, 4) xyzw."""
+    widths: Tensor
+    """(p,) voxels."""
+    success: Tensor
+    """(p,) bool."""
+
+    def to(self, device: torch.device | str) -> GraspLabels:
+        """The same labels on another device."""
+        tensors = (self.index, self.quaternions, self.widths, self.success)
+        return GraspLabels(*(tensor.to(device) for tensor in tensors))
+
+
+@dataclass(frozen=True)
+class Photos:
+    """Photos with the labels of what changed in them."""
+
+    views: ViewTensors
+    changes: Tensor
+    """(n, s, s) int8 of `change_labels`."""
+
+    def to(self, device: torch.device | str) -> Photos:
+        """The same photos on another device."""
+        return Photos(self.views.to(device), self.changes.to(device))
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What one training step knows of a scene."""
+
+    inputs: Photos
+    targets: Photos
+    """Views that are never among the inputs."""
+    labels: GraspLabels
+    tsdf: Tensor
+    """(r, r, r) truth; read by the control recipe, by the head's stage and by validation."""
+    observed: Tensor
+    """(r, r, r) bool."""
+
+    def to(self, device: torch.device | str) -> Sample:
+        """The same sample on another device."""
+        photos = (self.inputs.to(device), self.targets.to(device))
+        return Sample(*photos, self.labels.to(device), self.tsdf.to(device), self.observed.to(device))
+
+
+@dataclass(frozen=True)
+class PreparedRecord:
+    """A record with the labels of what changed in its photos, which take longer to find than to keep."""
+
+    record: Record
+    changes: np.ndarray
+    """(n, s, s) int8."""
+    target_changes: np.ndarray
+    """(m, s, s) int8."""
+
+
+def prepare_record(record: Record) -> PreparedRecord:
+    """Finds what changed in every photo of the record."""
+
+    def changes(images: np.ndarray, backgrounds: np.ndarray) -> np.ndarray:
+        return np.stack(
+            [change_labels(image, empty) for image, empty in zip(images, backgrounds, strict=True)]
+        )
+
+    return PreparedRecord(
+        record,
+        changes(record.images, record.backgrounds),
+        changes(record.targets, record.target_backgrounds),
+    )
+
+
+@dataclass(frozen=True)
+class Symmetry:
+    """Quarter turns about the vertical through the middle of the cube, after an optional mirroring of x."""
+
+    turns: int = 0
+    mirrored: bool = False
+
+    def matrix(self, workspace: Workspace) -> Array:
+        """4x4 map of workspace points; its determinant is -1 where mirrored."""
+        turn = np.round(Rotation.from_euler("z", 90 * self.turns, degrees=True).as_matrix())
+        linear = turn @ np.diag([-1.0 if self.mirrored else 1.0, 1.0, 1.0])
+        middle = np.array([workspace.size / 2, workspace.size / 2, 0.0])
+        matrix = np.eye(4)
+        matrix[:3, :3] = linear
+        matrix[:3, 3] = middle - linear @ middle
+        return matrix
+
+    def of_grid(self, grid: np.ndarray) -> np.ndarray:
+        """A grid [x, y, z] of the moved scene."""
+        flipped = grid[::-1] if self.mirrored else grid
+        return np.ascontiguousarray(np.rot90(flipped, self.turns, axes=(0, 1)))
+
+    def of_image(self, image: np.ndarray) -> np.ndarray:
+        """The photo (h, w, ...) that the moved camera takes: mirrored left to right, or as it is."""
+        return np.ascontiguousarray(image[:, ::-1]) if self.mirrored else image
+
+    def of_camera(self, camera: Camera, workspace: Workspace) -> Camera:
+        """The camera that takes `of_image`. A mirrored frame becomes right-handed by turning its x axis."""
+        pose = self.matrix(workspace) @ camera.world_from_camera
+        if not self.mirrored:
+            return replace(camera, world_from_camera=pose)
+        intrinsics = camera.intrinsics.copy()
+        intrinsics[0, 2] = camera.width - 1 - intrinsics[0, 2]
+        intrinsics[0, 1] = -intrinsics[0, 1]
+        left, top, right, bottom = camera.bounds
+        sensed = (camera.width - 1 - right, top, camera.width - 1 - left, bottom)
+        mirror = np.diag([-1.0, 1.0, 1.0, 1.0])
+        return replace(camera, intrinsics=intrinsics, world_from_camera=pose @ mirror, sensed=sensed)
+
+    def of_rotations(self, quaternions: np.ndarray, workspace: Workspace) -> np.ndarray:
+        """Orientations (p, 4) of the moved grasps; the gripper is its own mirror image in x."""
+        if len(quaternions) == 0:
+            return quaternions
+        matrices = self.matrix(workspace)[:3, :3] @ Rotation.from_quat(quaternions).as_matrix()
+        if self.mirrored:
+            matrices = matrices @ np.diag([-1.0, 1.0, 1.0])
+        return Rotation.from_matrix(matrices).as_quat()
+
+
+def sample_of(
+    prepared: PreparedRecord, workspace: Workspace, size: int, rng: np.random.Generator | None
+) -> Sample:
+    """A training sample; with a generator it is augmented, without it is the record as it stands."""
+    record = prepared.record
+    symmetry = Symmetry() if rng is None else Symmetry(int(rng.integers(4)), bool(rng.integers(2)))
+    inputs = _photos(record.views().views, prepared.changes, symmetry, workspace, size)
+    targets = _photos(record.target_views().views, prepared.target_changes, symmetry, workspace, size)
+    if rng is not None:
+        inputs, targets = _jitter([inputs, targets], rng)
+    return Sample(
+        inputs,
+        targets,
+        _labels(record, symmetry, workspace),
+        torch.from_numpy(symmetry.of_grid(record.tsdf.astype(np.float32))),
+        torch.from_numpy(symmetry.of_grid(record.observed)),
+    )
+
+
+def drop_views(photos: Photos, keep: list[int]) -> Photos:
+    """Some of the photos, in the given order."""
+    views = photos.views
+    return Photos(
+        ViewTensors(views.images[keep], views.backgrounds[keep], views.cameras.select(keep)),
+        photos.changes[keep],
+    )
+
+
+def _photos(
+    views: tuple[View, ...], changes: np.ndarray, symmetry: Symmetry, workspace: Workspace, size: int
+) -> Photos:
+    moved = [symmetry.of_camera(view.camera, workspace) for view in views]
+    resized = [camera.cropped_and_resized(_whole(camera), size, size) for camera in moved]
+    labels = np.stack([_nearest(symmetry.of_image(change), size) for change in changes])
+    return Photos(
+        ViewTensors(
+            to_tensor([_resize(symmetry.of_image(view.image), size) for view in views]),
+            to_tensor([_resize(symmetry.of_image(view.background), size) for view in views]),
+            CameraTensors.of(resized),
+        ),
+        torch.from_numpy(labels),
+    )
+
+
+def _whole(camera: Camera) -> tuple[float, float, float, float]:
+    return (-0.5, -0.5, camera.width - 0.5, camera.height - 0.5)
+
+
+def _resize(image: Image, size: int) -> Image:
+    if image.shape[0] == size and image.shape[1] == size:
+        return image
+    return np.asarray(PilImage.fromarray(image).resize((size, size), PilImage.Resampling.BOX))
+
+
+def _nearest(labels: np.ndarray, size: int) -> np.ndarray:
+    rows = ((np.arange(size) + 0.5) * labels.shape[0] / size).astype(int)
+    columns = ((np.arange(size) + 0.5) * labels.shape[1] / size).astype(int)
+    return labels[np.ix_(rows, columns)]
+
+
+def _jitter(groups: list[Photos], rng: np.random.Generator) -> list[Photos]:
+    """White balance, exposure and gamma alike on photos and backgrounds; noise and a little drift apart."""
+    gain = torch.from_numpy(rng.uniform(0.85, 1.15, size=(1, 3, 1, 1)) * rng.uniform(0.8, 1.2)).float()
+    gamma = float(rng.uniform(0.85, 1.15))
+    noise, drift = rng.uniform(0.002, 0.012), 1 + rng.uniform(-0.01, 0.01)
+    generator = torch.Generator().manual_seed(int(rng.integers(2**62)))
+
+    def jittered(images: Tensor, factor: float) -> Tensor:
+        bright = (images * gain * factor).clamp(1e-4, 1) ** gamma
+        return (bright + noise * torch.randn(images.shape, generator=generator)).clamp(0, 1)
+
+    return [
+        Photos(
+            ViewTensors(
+                jittered(group.views.images, drift),
+                jittered(group.views.backgrounds, 1.0),
+                group.views.cameras,
+            ),
+            group.changes,
+        )
+        for group in groups
+    ]
+
+
+def _labels(record: Record, symmetry: Symmetry, workspace: Workspace) -> GraspLabels:
+    labels = record.labels
+    matrix = symmetry.matrix(workspace)
+    points = labels.points @ matrix[:3, :3].T + matrix[:3, 3]
+    inside = workspace.contains(points)
+    return GraspLabels(
+        torch.from_numpy(workspace.index_of(points[inside])),
+        torch.from_numpy(symmetry.of_rotations(labels.quaternions[inside], workspace)).float(),
+        torch.from_numpy(labels.widths[inside] / workspace.voxel_size).float(),
+        torch.from_numpy(labels.success[inside].astype(bool)),
+    )

@@ -1,0 +1,158 @@
+"""One step of each stage: a sample in, named losses out."""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from neugrasp.model.network import NeuGrasp, Reconstruction
+from neugrasp.model.rendering import Rays, cut_to_workspace
+from neugrasp.training.config import TrainConfig
+from neugrasp.training.losses import carving_loss, eikonal_loss, grasp_loss, photometric_loss, tsdf_loss
+from neugrasp.training.samples import Photos, Sample, drop_views
+
+Losses = dict[str, Tensor]
+
+
+def total(losses: Losses, config: TrainConfig) -> Tensor:
+    """The weighted sum of the terms."""
+    weights = config.weights
+    return torch.stack([getattr(weights, name) * value for name, value in losses.items()]).sum()
+
+
+def head_losses(model: NeuGrasp, samples: list[Sample], generator: torch.Generator) -> Losses:
+    """The grasp head alone, on true TSDFs made imperfect the way predictions are."""
+    grids = torch.stack([imperfect(sample.tsdf, generator) for sample in samples])
+    return {"grasp": grasp_loss(model.head(grids), [sample.labels for sample in samples])}
+
+
+def imperfect(tsdf: Tensor, generator: torch.Generator) -> Tensor:
+    """A TSDF (r, r, r) blurred by up to a voxel, with bumps of several voxels and a little noise."""
+    resolution = tsdf.shape[0]
+    blur, bumps, noise = (torch.rand(3, generator=generator) * torch.tensor([1.0, 0.25, 0.05])).tolist()
+    coarse = torch.randn((1, 1, 8, 8, 8), generator=generator)
+    smooth = F.interpolate(coarse, size=(resolution,) * 3, mode="trilinear", align_corners=False)[0, 0]
+    fine = torch.randn(tsdf.shape, generator=generator)
+    return (_blurred(tsdf, blur) + bumps * smooth + noise * fine).clamp(-1, 1)
+
+
+def _blurred(grid: Tensor, sigma: float) -> Tensor:
+    offsets = torch.arange(-3, 4, dtype=grid.dtype)
+    kernel = torch.exp(-0.5 * (offsets / max(sigma, 1e-3)) ** 2)
+    kernel = kernel / kernel.sum()
+    x = grid.reshape(1, 1, *grid.shape)
+    for axis in range(3):
+        shape = [1, 1, 1, 1, 1]
+        shape[axis + 2] = 7
+        padding = [0, 0, 0, 0, 0, 0]
+        padding[2 * (2 - axis)] = padding[2 * (2 - axis) + 1] = 3
+        x = F.conv3d(F.pad(x, padding, mode="replicate"), kernel.reshape(shape))
+    return x[0, 0]
+
+
+def joint_losses(
+    model: NeuGrasp, sample: Sample, config: TrainConfig, sharpness: float, generator: torch.Generator
+) -> Losses:
+    """Photos to surface to grasps, with every term that has a weight."""
+    weights = config.weights
+    inputs = _some_views(sample.inputs, config.view_dropout, generator)
+    reconstruction = _reconstruct(model, inputs)
+    losses: Losses = {}
+    if weights.grasp:
+        losses["grasp"] = grasp_loss(model.head(reconstruction.tsdf.unsqueeze(0)), [sample.labels])
+    if weights.eikonal:
+        losses["eikonal"] = eikonal_loss(reconstruction.sdf, reconstruction.seen, model.workspace)
+    if weights.tsdf:
+        losses["tsdf"] = tsdf_loss(reconstruction.tsdf, sample.tsdf, sample.observed)
+    steepness = model.sharpness(sharpness)
+    carving = []
+    if weights.photometric:
+        losses["photometric"], carved = _target_losses(
+            model, reconstruction, sample.targets, steepness, config, generator
+        )
+        carving.append(carved)
+    if weights.carving and config.carving_rays:
+        carving.append(
+            _carve_inputs(model, reconstruction, inputs, steepness, config.carving_rays, generator)
+        )
+    if weights.carving:
+        losses["carving"] = torch.stack(carving).mean()
+    return losses
+
+
+def _reconstruct(model: NeuGrasp, inputs: Photos) -> Reconstruction:
+    views = inputs.views
+    if not model.config.use_backgrounds:
+        return model.reconstruct(model.encode(views.images), None, views)
+    maps = model.encode(torch.cat([views.images, views.backgrounds]))
+    scene, background = maps.split(len(views.images))
+    return model.reconstruct(scene, background, views)
+
+
+def _some_views(photos: Photos, dropout: float, generator: torch.Generator) -> Photos:
+    """All the views in random order, or sometimes only two or more of them."""
+    count = len(photos.changes)
+    order = torch.randperm(count, generator=generator).tolist()
+    if count > 2 and float(torch.rand((), generator=generator)) < dropout:
+        order = order[: int(torch.randint(2, count, (), generator=generator))]
+    return drop_views(photos, order)
+
+
+def _target_losses(
+    model: NeuGrasp,
+    reconstruction: Reconstruction,
+    targets: Photos,
+    sharpness: Tensor,
+    config: TrainConfig,
+    generator: torch.Generator,
+) -> tuple[Tensor, Tensor]:
+    """Photometric and carving loss of rays of one target view."""
+    view = int(torch.randint(len(targets.changes), (), generator=generator))
+    rays, row, column = choose_rays(model, targets, view, config.rays, generator)
+    coarse, fine = model.render(reconstruction.scene, rays, sharpness, generator)
+    colour = targets.views.images[view, :, row, column].T
+    behind = targets.views.backgrounds[view, :, row, column].T
+    photometric = photometric_loss(coarse, colour, behind) + photometric_loss(fine, colour, behind)
+    labels = targets.changes[view, row, column]
+    carved = [carving_loss(one.weights, one.middles, rays, labels, model.workspace) for one in (coarse, fine)]
+    return photometric, torch.stack(carved).mean()
+
+
+def _carve_inputs(
+    model: NeuGrasp,
+    reconstruction: Reconstruction,
+    inputs: Photos,
+    sharpness: Tensor,
+    num: int,
+    generator: torch.Generator,
+) -> Tensor:
+    """Carving by one of the input views: opacity needs no colours, so nothing can be copied."""
+    view = int(torch.randint(len(inputs.changes), (), generator=generator))
+    rays, row, column = choose_rays(model, inputs, view, num, generator)
+    weights, middles = model.weights_along(reconstruction.scene, rays, sharpness, generator)
+    return carving_loss(weights, middles, rays, inputs.changes[view, row, column], model.workspace)
+
+
+def choose_rays(
+    model: NeuGrasp, photos: Photos, view: int, num: int, generator: torch.Generator
+) -> tuple[Rays, Tensor, Tensor]:
+    """Up to `num` rays of one view through the workspace, with their rows and columns.
+
+    Half of them through pixels that changed in any way against the background, half through any.
+    """
+    changes = photos.changes[view]
+    height, width = changes.shape
+    candidates = torch.randint(height * width, (4 * num,), generator=generator)
+    row, column = candidates // width, candidates % width
+    pixels = torch.stack([column, row], dim=1).float()
+    origins, directions = photos.views.cameras.rays(view, pixels)
+    rays = cut_to_workspace(origins, directions, model.workspace)
+    left, top, right, bottom = photos.views.cameras.bounds[view]
+    measured = (column > left) & (column < right) & (row > top) & (row < bottom)
+    usable = (rays.far > rays.near + 1e-3) & measured
+    label = changes[row, column]
+    changed = torch.nonzero(usable & (label != 0)).squeeze(1)[: num // 2]
+    rest = torch.nonzero(usable).squeeze(1)
+    chosen = torch.cat([changed, rest[: num - len(changed)]])
+    return rays.select(chosen), row[chosen], column[chosen]

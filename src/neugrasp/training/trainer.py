@@ -1,0 +1,208 @@
+"""The training loop, readable from top to bottom."""
+
+from __future__ import annotations
+
+import logging
+import subprocess
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.model.checkpoint import load_checkpoint, save_checkpoint
+from neugrasp.model.network import NeuGrasp
+from neugrasp.training.config import TrainConfig
+from neugrasp.data.records import Record
+from neugrasp.training.data import TrainingSet, read_records
+from neugrasp.training.log import TrainingLog
+from neugrasp.training.progress_picture import save_progress_picture
+from neugrasp.training.recipes import recipe
+from neugrasp.training.samples import Sample
+from neugrasp.training.state import load_state, save_state
+from neugrasp.training.step import head_losses, joint_losses, total
+from neugrasp.training.validation import validate
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainRun:
+    """Where a run reads and writes."""
+
+    recipe: str
+    data: tuple[Path, ...]
+    """Folders of shards or records to train on."""
+    out: Path
+    validation: tuple[Path, ...] = ()
+    """Folders to validate on; without any, the last twentieth of the data is kept aside for it."""
+    device: str = "cpu"
+    steps: int | None = None
+    """Overrides the recipe's number of steps; the stages shrink or grow with it."""
+    resume: bool = False
+    init: str | None = None
+    """Weights to start from, by name or file, instead of random ones."""
+    seed: int = 0
+
+
+def configured(run: TrainRun) -> TrainConfig:
+    """The recipe with the run's facts in it."""
+    config = replace(recipe(run.recipe), seed=run.seed)
+    if run.steps is None:
+        return config
+    if run.steps < 1:
+        raise InputError(f"--steps {run.steps}: must be at least 1")
+    return replace(config, steps=run.steps, head_steps=round(config.head_steps * run.steps / config.steps))
+
+
+def train(run: TrainRun, stop_after: int | None = None) -> Path:
+    """Trains and gives the path of the weights; `stop_after` ends early, as an interruption would.
+
+    Raises `InputError` where data, recipe or an earlier run in `out` do not fit.
+    """
+    config = configured(run)
+    _check_out(run)
+    torch.manual_seed(config.seed)
+    model = NeuGrasp(config.model)
+    if run.init:
+        _start_from(model, run.init)
+    model.to(run.device).train()
+    optimizer = torch.optim.Adam(model.parameters(), lr=config.learning_rate)
+    start = load_state(run.out, model, optimizer, config)
+    data, held_out = _open_data(run, config)
+    records = TrainingLog(run.out, start)
+    last = min(config.steps, stop_after or config.steps)
+    began = time.monotonic()
+    try:
+        for step in range(start, last):
+            losses = _step(model, optimizer, data, config, step)
+            records.step(step, losses, config.learning_rate_at(step))
+            done = step + 1
+            if done % config.checkpoint_every == 0 or done == config.steps:
+                save_state(run.out, model, optimizer, done, config)
+                _show_progress(done, config, losses, (time.monotonic() - began) / (done - start))
+            if held_out() and (done % config.validate_every == 0 or done == config.steps):
+                _validate(model, config, run, held_out, done, records)
+    finally:
+        data.close()
+        records.close()
+    weights = run.out / "weights.safetensors"
+    save_checkpoint(weights, model, _about(run, config, last, len(data)))
+    return weights
+
+
+def _check_out(run: TrainRun) -> None:
+    if any(run.out.glob("*.safetensors")) and not run.resume:
+        raise InputError(
+            f"{run.out}: holds an earlier run; add --resume to go on with it or choose another --out"
+        )
+    try:
+        run.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise NeuGraspError(f"{run.out}: cannot be made ({error.strerror})") from error
+
+
+def _start_from(model: NeuGrasp, weights: str) -> None:
+    checkpoint = load_checkpoint(weights)
+    if checkpoint.config != model.config:
+        raise InputError(f"{weights}: its network is configured differently from the recipe's")
+    model.load_state_dict({name: tensor.float() for name, tensor in checkpoint.tensors.items()})
+
+
+Samples = Callable[[], list[Sample]]
+
+
+def _open_data(run: TrainRun, config: TrainConfig) -> tuple[TrainingSet, Samples]:
+    """The training set, and what gives the validation samples (made when first asked for)."""
+    records = _read_all(run.data)
+    if run.validation:
+        held = _read_all(run.validation)
+    else:
+        keep = len(records) - len(records) // 20
+        records, held = records[:keep], records[keep:]
+    size = config.model.image_size
+    validation = TrainingSet(held, size, config.seed)
+    count = min(config.validation_scenes, len(held))
+    chosen = np.linspace(0, len(held) - 1, count).astype(int) if count else []
+    made: list[Sample] = []
+
+    def samples() -> list[Sample]:
+        if not made:
+            made.extend(validation.plain(int(index)) for index in chosen)
+        return made
+
+    return TrainingSet(records, size, config.seed), samples
+
+
+def _read_all(folders: tuple[Path, ...]) -> list[Record]:
+    return [record for folder in folders for record in read_records(folder)]
+
+
+def _step(
+    model: NeuGrasp, optimizer: torch.optim.Adam, data: TrainingSet, config: TrainConfig, step: int
+) -> dict[str, float]:
+    """One update; everything random in it follows from the seed and the step's number."""
+    generator = torch.Generator().manual_seed(config.seed * 1_000_003 + step)
+    for group in optimizer.param_groups:
+        group["lr"] = config.learning_rate_at(step)
+    optimizer.zero_grad(set_to_none=True)
+    device = next(model.parameters()).device
+    if step < config.head_steps:
+        first = step * config.head_batch
+        samples = [data.take(first + k).to(device) for k in range(config.head_batch)]
+        losses = head_losses(model, samples, generator)
+    else:
+        position = config.head_steps * config.head_batch + step - config.head_steps
+        sample = data.take(position).to(device)
+        losses = joint_losses(model, sample, config, config.sharpness_at(step), generator)
+    loss = total(losses, config)
+    if not torch.isfinite(loss):
+        raise NeuGraspError(f"step {step}: the loss is {float(loss.detach())}; the last state before it is kept")
+    loss.backward()
+    torch.nn.utils.clip_grad_norm_(model.parameters(), config.gradient_clip)
+    optimizer.step()
+    return {"loss": float(loss.detach()), **{name: float(value.detach()) for name, value in losses.items()}}
+
+
+def _validate(
+    model: NeuGrasp, config: TrainConfig, run: TrainRun, held_out: Samples, step: int, records: TrainingLog
+) -> None:
+    device = next(model.parameters()).device
+    model.to("cpu")
+    scores = validate(model, held_out(), config.sharpness_at(step))
+    records.validation(step, scores)
+    save_progress_picture(
+        run.out / f"progress_{step:06d}.png", model, held_out()[0], config.sharpness_at(step)
+    )
+    save_checkpoint(run.out / "weights.safetensors", model, _about(run, config, step, 0))
+    model.to(device)
+    log.info("step %d validation: %s", step, {name: round(value, 3) for name, value in scores.items()})
+
+
+def _show_progress(step: int, config: TrainConfig, losses: dict[str, float], seconds: float) -> None:
+    left = (config.steps - step) * seconds / 60
+    terms = " ".join(f"{name} {value:.4f}" for name, value in losses.items())
+    log.info("step %d / %d  %s  %.2f s a step, %.0f min left", step, config.steps, terms, seconds, left)
+
+
+def _about(run: TrainRun, config: TrainConfig, steps: int, scenes: int) -> dict[str, Any]:
+    return {"recipe": run.recipe, "steps": steps, "seed": config.seed, "scenes": scenes, "commit": _commit()}
+
+
+def _commit() -> str:
+    """The commit of the source tree this runs from, or "unknown" outside of one."""
+    folder = Path(__file__).parent
+    try:
+        result = subprocess.run(
+            ["git", "-C", str(folder), "describe", "--always", "--dirty"],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+    return result.stdout.strip()

@@ -1,0 +1,94 @@
+"""How good the network is on records it does not train on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from neugrasp.metrics import CONSTANTS, area_under_roc, l1_by_mask, occupancy_iou, psnr, ssim
+from neugrasp.model.grasp_head import GraspVolume
+from neugrasp.model.network import NeuGrasp, Reconstruction
+from neugrasp.model.rendering import cut_to_workspace
+from neugrasp.training.losses import rotation_distance
+from neugrasp.training.samples import GraspLabels, Photos, Sample
+
+RENDER_STRIDE = 4
+"""Every how many pixels the held-out view is rendered: enough for PSNR, and 16 times faster."""
+
+
+@dataclass
+class Scores:
+    """Means over the scenes validated so far, by name."""
+
+    values: dict[str, list[float]] = field(default_factory=dict)
+
+    def add(self, **values: float) -> None:
+        """Adds one scene's values."""
+        for name, value in values.items():
+            self.values.setdefault(name, []).append(value)
+
+    def means(self) -> dict[str, float]:
+        """The mean of each, leaving out scenes where it does not exist."""
+        return {name: float(np.nanmean(values)) for name, values in self.values.items()}
+
+
+@torch.no_grad()
+def reconstruct(model: NeuGrasp, sample: Sample) -> tuple[Reconstruction, GraspVolume]:
+    """Surface and grasps of a sample's input views."""
+    return model(sample.inputs.views)  # type: ignore[no-any-return]
+
+
+@torch.no_grad()
+def render_view(
+    model: NeuGrasp, reconstruction: Reconstruction, photos: Photos, view: int, sharpness: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """The rendered view and the photo (h, w, 3), both at every fourth pixel; rays that miss show the background."""
+    size = photos.views.images.shape[-1]
+    axis = torch.arange(RENDER_STRIDE // 2, size, RENDER_STRIDE)
+    row, column = torch.meshgrid(axis, axis, indexing="ij")
+    pixels = torch.stack([column.flatten(), row.flatten()], dim=1).float()
+    rays = cut_to_workspace(*photos.views.cameras.rays(view, pixels), model.workspace)
+    image = photos.views.backgrounds[view][:, row, column].flatten(1).T.clone()
+    hits = torch.nonzero(rays.far > rays.near).squeeze(1)
+    for chunk in hits.split(1024):
+        _, fine = model.render(reconstruction.scene, rays.select(chunk), model.sharpness(sharpness))
+        image[chunk] = fine.colour + (1 - fine.opacity).clamp(min=0).unsqueeze(1) * image[chunk]
+    count = len(axis)
+    truth = photos.views.images[view][:, row, column].permute(1, 2, 0)
+    return image.reshape(count, count, 3).clamp(0, 1).numpy(), truth.numpy()
+
+
+def grasp_scores(volume: GraspVolume, labels: GraspLabels) -> dict[str, float]:
+    """AUC of the quality at the labelled voxels, and the mean rotation error of the successes in degrees."""
+    x, y, z = labels.index.unbind(1)
+    quality = volume.quality[0, x, y, z].numpy()
+    success = labels.success.numpy()
+    similarity = 1 - rotation_distance(volume.rotation[0, :, x, y, z].T, labels.quaternions)
+    degrees = 2 * np.rad2deg(np.arccos(similarity.clamp(0, 1).numpy()))
+    error = float(degrees[success].mean()) if success.any() else float("nan")
+    return {"grasp_auc": area_under_roc(quality, success), "rotation_error_deg": error}
+
+
+def validate(
+    model: NeuGrasp, samples: list[Sample], sharpness: float, render: bool = True
+) -> dict[str, float]:
+    """Means over samples: L1 under five masks beside the constants', IoU, PSNR, SSIM, AUC, rotation error."""
+    was_training = model.training
+    model.eval()
+    scores = Scores()
+    table = int(model.workspace.table_height / model.workspace.voxel_size) + 1
+    for sample in samples:
+        reconstruction, volume = reconstruct(model, sample)
+        truth, tsdf = sample.tsdf.numpy(), reconstruction.tsdf.numpy()
+        scores.add(**{f"l1_{a}": value for a, value in l1_by_mask(tsdf, truth).items()})
+        for constant in CONSTANTS:
+            scores.add(**{f"l1_0.3_constant_{constant:+.0f}": l1_by_mask(constant, truth)["0.3"]})
+        scores.add(iou=occupancy_iou(tsdf, truth, table), **grasp_scores(volume, sample.labels))
+        if render:
+            image, photo = render_view(model, reconstruction, sample.targets, 0, sharpness)
+            scores.add(psnr=psnr(image, photo), ssim=ssim(image, photo))
+    model.train(was_training)
+    return scores.means()

@@ -1,0 +1,92 @@
+"""Training as a whole: it learns, it can be stopped anywhere, and its loss curve does not drift."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import load_file
+
+from neugrasp.data.records import write_record
+from neugrasp.errors import InputError
+from neugrasp.model.checkpoint import load_checkpoint
+from neugrasp.training.recipes import RECIPES, recipe
+from neugrasp.training.trainer import TrainRun, configured, train
+
+GOLDEN = Path(__file__).parent.parent / "golden" / "tiny_losses.json"
+
+
+@pytest.fixture
+def data(tmp_path, make_record) -> Path:
+    """Three balls; the last one is for validation."""
+    folder = tmp_path / "data"
+    for seed, (x, y) in enumerate([(0.15, 0.15), (0.1, 0.18)]):
+        record = make_record(x=x, y=y, seed=seed)
+        write_record(folder / "scenes" / record.name, record)
+    return folder
+
+
+@pytest.fixture
+def held_out(tmp_path, make_record) -> Path:
+    record = make_record(x=0.2, y=0.12, seed=9)
+    write_record(tmp_path / "held" / "scenes" / record.name, record)
+    return tmp_path / "held"
+
+
+def losses_of(out: Path) -> list[float]:
+    lines = [json.loads(line) for line in (out / "log.jsonl").read_text().splitlines()]
+    return [line["loss"] for line in lines if "loss" in line]
+
+
+def test_stopped_and_resumed_equals_never_stopped(data, held_out, tmp_path):
+    """Stopped inside the head's stage and inside the joint one, between two checkpoints each time."""
+    whole = TrainRun(recipe="tiny", data=(data,), out=tmp_path / "whole", validation=(held_out,))
+    weights = train(whole)
+    parts = TrainRun(recipe="tiny", data=(data,), out=tmp_path / "parts", validation=(held_out,), resume=True)
+    for stop in (3, 9, 17, 20):
+        same = train(parts, stop_after=stop)
+    first, second = load_file(weights), load_file(same)
+    assert first.keys() == second.keys()
+    assert all(torch.equal(first[name], second[name]) for name in first)
+    assert losses_of(whole.out) == losses_of(parts.out)
+    assert len(list(whole.out.glob("progress_*.png"))) == 2
+    scores = [json.loads(line) for line in (whole.out / "log.jsonl").read_text().splitlines()][-1]["validation"]
+    assert {"l1_0.3", "l1_0.3_constant_+0", "psnr", "ssim", "grasp_auc", "rotation_error_deg"} <= scores.keys()
+    assert load_checkpoint(weights).about["recipe"] == "tiny"
+    expected = json.loads(GOLDEN.read_text())
+    assert losses_of(whole.out) == pytest.approx(expected, rel=2e-3)
+
+
+def test_an_earlier_run_is_not_overwritten(data, tmp_path):
+    run = TrainRun(recipe="tiny", data=(data,), out=tmp_path / "out", steps=2)
+    train(run)
+    with pytest.raises(InputError, match="--resume"):
+        train(run)
+
+
+def test_resuming_with_another_recipe_is_refused(data, tmp_path):
+    train(TrainRun(recipe="tiny", data=(data,), out=tmp_path / "out", steps=2))
+    with pytest.raises(InputError, match="another recipe, number of steps or seed"):
+        train(TrainRun(recipe="tiny", data=(data,), out=tmp_path / "out", steps=3, resume=True))
+
+
+def test_a_folder_without_records_is_named(tmp_path):
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="empty: no records"):
+        train(TrainRun(recipe="tiny", data=(tmp_path / "empty",), out=tmp_path / "out"))
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_every_recipe_builds_and_keeps_the_balance_of_its_stages(name):
+    config = configured(TrainRun(recipe=name, data=(), out=Path(), steps=1000))
+    assert config.steps == 1000
+    assert config.head_steps / 1000 == pytest.approx(recipe(name).head_steps / recipe(name).steps, abs=1e-3)
+    rates = [config.learning_rate_at(step) for step in range(config.head_steps, 1000)]
+    assert rates == sorted(rates, reverse=True)
+
+
+def test_unknown_recipes_are_answered_with_the_known_ones():
+    with pytest.raises(InputError, match="small.*paper.*tsdf"):
+        recipe("nothing")
