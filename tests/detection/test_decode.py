@@ -8,7 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from neugrasp.detection.decode import Prediction, SelectionConfig, decode_grasp, encode_grasp, near_surface, select_grasps
+from neugrasp.detection.decode import (
+    Prediction,
+    SelectionConfig,
+    decode_grasp,
+    encode_grasp,
+    near_surface,
+    select_grasps,
+)
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
 
@@ -64,9 +71,7 @@ def test_grasps_come_best_first_and_every_voxel_is_accounted_for():
     assert len(selection.grasps) + sum(selection.rejected.values()) == 40**3
 
 
-@pytest.mark.parametrize(
-    ("width", "reason"), [(1.0, "too_narrow"), (10.0, "too_wide_for_the_gripper")]
-)
+@pytest.mark.parametrize(("width", "reason"), [(1.0, "too_narrow"), (10.0, "too_wide_for_the_gripper")])
 def test_widths_that_the_gripper_cannot_take_are_counted(width, reason):
     selection = select_grasps(prediction({(20, 20, 20): 0.97}, width), Workspace(), GRIPPER)
     assert selection.grasps == ()

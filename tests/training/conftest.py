@@ -42,7 +42,9 @@ def photo(camera: Camera, ball: tuple[np.ndarray, float] | None) -> tuple[np.nda
     return (colour * 255).round().astype(np.uint8), depth.astype(np.float32)
 
 
-def ball_record(x: float = 0.15, y: float = 0.15, radius: float = 0.03, size: int = 64, seed: int = 0) -> Record:
+def ball_record(
+    x: float = 0.15, y: float = 0.15, radius: float = 0.03, size: int = 64, seed: int = 0
+) -> Record:
     """Four input views and two targets of a ball that lies at (x, y)."""
     workspace, rng = Workspace(), np.random.default_rng(seed)
     views = [*view_set("released", workspace, rng), *hemisphere(workspace, rng, 2)]

@@ -65,9 +65,7 @@ def test_bounds_of_a_mirrored_camera_are_mirrored(make_record):
 
 def test_an_augmented_sample_is_the_same_each_time_it_is_made(make_record):
     prepared = prepare_record(make_record())
-    first, second = (
-        sample_of(prepared, Workspace(), 64, np.random.default_rng(5)) for _ in range(2)
-    )
+    first, second = (sample_of(prepared, Workspace(), 64, np.random.default_rng(5)) for _ in range(2))
     assert torch.equal(first.inputs.views.images, second.inputs.views.images)
     assert torch.equal(first.tsdf, second.tsdf)
     assert torch.equal(first.labels.index, second.labels.index)

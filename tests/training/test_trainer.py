@@ -52,8 +52,9 @@ def test_stopped_and_resumed_equals_never_stopped(data, held_out, tmp_path):
     assert all(torch.equal(first[name], second[name]) for name in first)
     assert losses_of(whole.out) == losses_of(parts.out)
     assert len(list(whole.out.glob("progress_*.png"))) == 2
-    scores = [json.loads(line) for line in (whole.out / "log.jsonl").read_text().splitlines()][-1]["validation"]
-    assert {"l1_0.3", "l1_0.3_constant_+0", "psnr", "ssim", "grasp_auc", "rotation_error_deg"} <= scores.keys()
+    scores = json.loads((whole.out / "log.jsonl").read_text().splitlines()[-1])["validation"]
+    named = {"l1_0.3", "l1_0.3_constant_+0", "psnr", "ssim", "grasp_auc", "rotation_error_deg"}
+    assert named <= scores.keys()
     assert load_checkpoint(weights).about["recipe"] == "tiny"
     expected = json.loads(GOLDEN.read_text())
     assert losses_of(whole.out) == pytest.approx(expected, rel=2e-3)
@@ -88,5 +89,5 @@ def test_every_recipe_builds_and_keeps_the_balance_of_its_stages(name):
 
 
 def test_unknown_recipes_are_answered_with_the_known_ones():
-    with pytest.raises(InputError, match="small.*paper.*tsdf"):
+    with pytest.raises(InputError, match=r"small.*paper.*tsdf"):
         recipe("nothing")

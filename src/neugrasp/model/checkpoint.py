@@ -104,7 +104,8 @@ def _config_from(data: dict[str, Any], path: Path) -> ModelConfig:
     known = {field.name for field in fields(ModelConfig)}
     if unknown := set(data) - known:
         raise InputError(f"{path}: its configuration has unknown entries {sorted(unknown)}; update neugrasp")
-    return ModelConfig(**{k: tuple(v) if isinstance(v, list) else v for k, v in data.items()})
+    entries: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in data.items()}
+    return ModelConfig(**entries)
 
 
 def _check_tensors(path: Path, config: ModelConfig, tensors: dict[str, Tensor]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import torch
@@ -89,10 +90,9 @@ class SdfField(nn.Module):
         self.decoder = nn.Sequential(
             nn.Linear(fused + ORDER_DIM, 32), nn.ReLU(), nn.Linear(32, 16), nn.ReLU(), nn.Linear(16, 1)
         )
-        self.blending = nn.Sequential(
-            nn.Linear(sum(dims) + 4, 64), nn.ReLU(), nn.Linear(64, 32), nn.ReLU(), nn.Linear(32, 16), nn.ReLU(),
-            nn.Linear(16, 8), nn.ReLU(), nn.Linear(8, 1),
-        )  # fmt: skip
+        widths = (sum(dims) + 4, 64, 32, 16, 8)
+        hidden = [(nn.Linear(a, b), nn.ReLU()) for a, b in itertools.pairwise(widths)]
+        self.blending = nn.Sequential(*itertools.chain(*hidden), nn.Linear(widths[-1], 1))
 
     def forward(self, scene: EncodedViews, points: Tensor, eye: Tensor | None = None) -> FieldSamples:
         """The field at points (r, s, 3): r sequences ("rays") of s samples, ordered along the ray.

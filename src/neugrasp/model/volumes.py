@@ -56,7 +56,7 @@ class VolumeNet(nn.Module):
         self.out = nn.Conv3d(a, volume, 3, 1, 1)
 
     def forward(self, features: Tensor, seen: Tensor) -> Tensor:
-        """Volume (c, r, r, r) from features (n, dim, r^3) sampled at the voxels [x, y, z], `seen` (n, r^3)."""
+        """Volume (c, r, r, r) from features (n, dim, r^3) read at the voxels [x, y, z], and `seen`."""
         resolution = round(features.shape[-1] ** (1 / 3))
         reduced = self.reduce(features.transpose(1, 2)).transpose(1, 2)
         mean, variance = masked_mean_and_variance(reduced, seen.to(reduced.dtype))

@@ -19,7 +19,7 @@ class TrainingLog:
         if importlib.util.find_spec("tensorboard"):
             from torch.utils.tensorboard import SummaryWriter
 
-            self._board = SummaryWriter(str(folder / "tensorboard"), purge_step=start)  # type: ignore[no-untyped-call]
+            self._board = SummaryWriter(str(folder / "tensorboard"), purge_step=start)
 
     def step(self, step: int, losses: dict[str, float], learning_rate: float) -> None:
         """The losses of a step."""

@@ -28,7 +28,7 @@ def photometric_loss(rendered: Rendered, colour: Tensor, behind: Tensor) -> Tens
 def carving_loss(
     weights: Tensor, middles: Tensor, rays: Rays, labels: Tensor, workspace: Workspace
 ) -> Tensor:
-    """Cross-entropy of the opacity above the table, half for pixels that changed, half for those that did not.
+    """Cross-entropy of the opacity above the table, half for changed pixels, half for same ones.
 
     weights, middles (r, s - 1) of intervals along the rays; labels (r,) of `change_labels`.
     """
@@ -87,7 +87,7 @@ def _grasp_loss_of(volume: GraspVolume, grid: int, labels: GraspLabels) -> Tenso
 
 
 def rotation_distance(predicted: Tensor, truth: Tensor) -> Tensor:
-    """1 - |q . q'| (p,) of unit quaternions xyzw (p, 4), the better of the two that the gripper's symmetry allows."""
+    """1 - |q . q'| (p,) of unit quaternions xyzw (p, 4); a half turn about the approach costs nothing."""
     x, y, z, w = truth.unbind(1)
     turned = torch.stack([y, -x, w, -z], dim=1)  # truth * rotation by pi about its own z axis
     similarity = torch.maximum((predicted * truth).sum(1).abs(), (predicted * turned).sum(1).abs())

@@ -57,8 +57,8 @@ def load_state(folder: Path, model: NeuGrasp, optimizer: torch.optim.Adam, confi
         raise InputError(f"{path}: cannot be read ({error}); remove it to start again") from error
     if metadata["config"] != _fingerprint(config):
         raise InputError(
-            f"{path}: belongs to a run of another recipe, number of steps or seed; continue with the same or choose "
-            f"another --out"
+            f"{path}: belongs to a run of another recipe, number of steps or seed; "
+            f"continue with the same or choose another --out"
         )
     model.load_state_dict(_under(tensors, "model."))
     for name, parameter in model.named_parameters():

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import torch
 
+from neugrasp.data.records import Record
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.model.checkpoint import load_checkpoint, save_checkpoint
 from neugrasp.model.network import NeuGrasp
 from neugrasp.training.config import TrainConfig
-from neugrasp.data.records import Record
 from neugrasp.training.data import TrainingSet, read_records
 from neugrasp.training.log import TrainingLog
 from neugrasp.training.progress_picture import save_progress_picture
@@ -127,12 +127,12 @@ def _open_data(run: TrainRun, config: TrainConfig) -> tuple[TrainingSet, Samples
     size = config.model.image_size
     validation = TrainingSet(held, size, config.seed)
     count = min(config.validation_scenes, len(held))
-    chosen = np.linspace(0, len(held) - 1, count).astype(int) if count else []
+    chosen = np.linspace(0, len(held) - 1, count).astype(int).tolist()
     made: list[Sample] = []
 
     def samples() -> list[Sample]:
         if not made:
-            made.extend(validation.plain(int(index)) for index in chosen)
+            made.extend(validation.plain(index) for index in chosen)
         return made
 
     return TrainingSet(records, size, config.seed), samples
@@ -161,7 +161,9 @@ def _step(
         losses = joint_losses(model, sample, config, config.sharpness_at(step), generator)
     loss = total(losses, config)
     if not torch.isfinite(loss):
-        raise NeuGraspError(f"step {step}: the loss is {float(loss.detach())}; the last state before it is kept")
+        raise NeuGraspError(
+            f"step {step}: the loss is {float(loss.detach())}; the last state before it is kept"
+        )
     loss.backward()
     torch.nn.utils.clip_grad_norm_(model.parameters(), config.gradient_clip)
     optimizer.step()

@@ -38,14 +38,15 @@ class Scores:
 @torch.no_grad()
 def reconstruct(model: NeuGrasp, sample: Sample) -> tuple[Reconstruction, GraspVolume]:
     """Surface and grasps of a sample's input views."""
-    return model(sample.inputs.views)  # type: ignore[no-any-return]
+    result: tuple[Reconstruction, GraspVolume] = model(sample.inputs.views)
+    return result
 
 
 @torch.no_grad()
 def render_view(
     model: NeuGrasp, reconstruction: Reconstruction, photos: Photos, view: int, sharpness: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """The rendered view and the photo (h, w, 3), both at every fourth pixel; rays that miss show the background."""
+    """The rendered view and the photo (h, w, 3) at every fourth pixel; rays that miss show the background."""
     size = photos.views.images.shape[-1]
     axis = torch.arange(RENDER_STRIDE // 2, size, RENDER_STRIDE)
     row, column = torch.meshgrid(axis, axis, indexing="ij")

@@ -1,0 +1,214 @@
+"""The `neugrasp` program. The only file that prints; heavy parts load when a command needs them."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from neugrasp.errors import InputError, NeuGraspError
+
+if TYPE_CHECKING:
+    from neugrasp.detection.detector import Detection
+
+ROW = "{:<24} {:>6} {:>6} {:>8} {:>8}  {}"
+"""Of the demo's table."""
+Folder = Annotated[Path, tyro.conf.arg(metavar="DIR")]
+
+
+@dataclass(frozen=True)
+class Demo:
+    """Bundled scenes in, surfaces, grasps and pictures out. Runs on a CPU right after the installation."""
+
+    out: Folder = Path("outputs/demo")
+    """Where NAME/ is written for every scene."""
+    weights: str = "neugrasp"
+    """A name of bundled weights, or a file."""
+    gripper: str = "panda"
+    """A name of a bundled gripper, or a file."""
+
+    def run(self) -> None:
+        from neugrasp.demo import demo_scenes, run_demo
+        from neugrasp.detection.detector import NeuGraspDetector
+
+        detector = NeuGraspDetector.load(self.weights, self.gripper)
+        print(ROW.format("scene", "grasps", "best", "width", "seconds", "pictures"))
+        for scene in demo_scenes():
+            folder = self.out / scene.name
+            detection = run_demo(scene, detector, folder)
+            print(_summary(scene.name, detection, folder))
+        print(
+            "\nEvery folder holds overlay.png (the photos with the grasps, the best in green), surface.png\n"
+            "(the surface above the true one), slice.png (a cut through the distance grid), grasps.json,\n"
+            "surface.ply and tsdf.npz."
+        )
+
+
+@dataclass(frozen=True)
+class Predict:
+    """Photos of a scene in; grasps.json, surface.ply, tsdf.npz and overlay.png out."""
+
+    scene: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SCENE")]
+    """A scene folder: scene.json, images/, backgrounds/ (docs/data_format.md)."""
+    out: Folder
+    """Where the four files are written: all of them or none."""
+    weights: str = "neugrasp"
+    """A name of bundled weights, or a file."""
+    gripper: str = "panda"
+    """A name of a bundled gripper, or a file."""
+
+    def run(self) -> None:
+        from neugrasp.data.scene_folder import read_scene
+        from neugrasp.detection.detector import NeuGraspDetector
+        from neugrasp.export import whole_or_nothing, write_prediction
+
+        views = read_scene(self.scene)
+        detector = NeuGraspDetector.load(self.weights, self.gripper)
+        detection = detector.detect(views)
+        with whole_or_nothing(self.out) as part:
+            write_prediction(part, views, detection, detector.gripper)
+        if detection.grasps:
+            print(f"{len(detection.grasps)} grasps, the best with score {detection.grasps[0].score:.2f}")
+        else:
+            print(_why_none(detection))
+        for name in ("grasps.json", "surface.ply", "tsdf.npz", "overlay.png"):
+            print(self.out / name)
+
+
+@dataclass(frozen=True)
+class Generate:
+    """Simulated scenes with photos, labelled grasps and ground truth. Goes on where it stopped."""
+
+    out: Folder
+    """Where the scenes are written."""
+    scene: Literal["packed", "pile", "single"] = "packed"
+    """How the objects lie."""
+    num: int = 100
+    """Number of scenes in the folder when done."""
+    objects: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """A folder of URDF objects, instead of the built-in ones."""
+    materials: Literal["mixed", "diffuse", "specular", "transparent", "transparent-specular"] = "mixed"
+    """What the objects are made of."""
+    views: str = "training"
+    """Where the cameras stand: training, paper, released, ring6 or hemisphere6."""
+    split: Literal["train", "test"] = "train"
+    """Objects, panoramas and textures of the two never mix."""
+    gripper: str = "panda"
+    """The gripper that tries the grasps: a name of a bundled one, or a file."""
+    seed: int = 0
+    """The same seed gives the same scenes, whatever the number of workers."""
+    workers: int | None = None
+    """Processes that share the work; by default one per core."""
+
+    def run(self) -> None:
+        from neugrasp.simulation.generate import GenerateConfig, generate
+
+        folders = generate(
+            GenerateConfig(
+                out=self.out,
+                scene=self.scene,
+                num=self.num,
+                objects=self.objects,
+                materials=self.materials,
+                views=self.views,
+                split=self.split,
+                gripper=self.gripper,
+                seed=self.seed,
+                workers=self.workers,
+            )
+        )
+        print(f"{len(folders)} scenes in {self.out}")
+
+
+@dataclass(frozen=True)
+class Train:
+    """Trains the network on generated scenes. Goes on with --resume exactly where it stopped."""
+
+    data: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="DIR [DIR ...]")]
+    """Folders made by `neugrasp generate`, or of shards packed from them."""
+    out: Folder
+    """Where weights, checkpoints and logs are written."""
+    recipe: str = "small"
+    """Model, losses and schedule, by name (src/neugrasp/training/recipes.py)."""
+    validation: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="DIR [DIR ...]")] = ()
+    """Folders to validate on; without any, the last twentieth of the data is kept aside."""
+    init: str | None = None
+    """Weights to start from, by name or file."""
+    device: Literal["cpu", "cuda"] = "cpu"
+    """Where to compute."""
+    steps: int | None = None
+    """Instead of the recipe's number of steps."""
+    seed: int = 0
+    """Of the first weights and of the order of the samples."""
+    resume: bool = False
+    """Go on from the last checkpoint in --out."""
+
+    def run(self) -> None:
+        import torch
+
+        from neugrasp.training.trainer import TrainRun, train
+
+        if self.device == "cuda" and not torch.cuda.is_available():
+            raise InputError("--device cuda: PyTorch sees no CUDA device here; use --device cpu")
+        weights = train(
+            TrainRun(
+                recipe=self.recipe,
+                data=self.data,
+                out=self.out,
+                validation=self.validation,
+                init=self.init,
+                device=self.device,
+                steps=self.steps,
+                seed=self.seed,
+                resume=self.resume,
+            )
+        )
+        print(weights)
+
+
+COMMANDS: dict[str, Callable[..., Demo | Predict | Generate | Train]] = {
+    "demo": Demo,
+    "predict": Predict,
+    "generate": Generate,
+    "train": Train,
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs one command. Returns 0, 2 after an error that the user can mend, 130 when interrupted."""
+    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
+    command = tyro.extras.subcommand_cli_from_dict(
+        COMMANDS,
+        prog="neugrasp",
+        description="Surfaces and 6-DoF grasps from a few RGB photos of a table.",
+        args=arguments,
+    )
+    try:
+        command.run()
+    except KeyboardInterrupt:
+        print("neugrasp: interrupted", file=sys.stderr)
+        return 130
+    except (NeuGraspError, OSError) as error:
+        print(f"neugrasp: error: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _summary(name: str, detection: Detection, folder: Path) -> str:
+    """A row of the demo's table."""
+    seconds = f"{sum(detection.timing_s.values()):.1f}"
+    if not detection.grasps:
+        return ROW.format(name, 0, "-", "-", seconds, folder) + "\n  " + _why_none(detection)
+    best = detection.grasps[0]
+    width = f"{best.width * 1000:.0f} mm"
+    return ROW.format(name, len(detection.grasps), f"{best.score:.2f}", width, seconds, folder)
+
+
+def _why_none(detection: Detection) -> str:
+    counts = ", ".join(f"{count} {reason}" for reason, count in detection.rejected.items())
+    return f"no grasps; best quality {detection.best_rejected:.2f}; voxels rejected: {counts}"

@@ -1,0 +1,211 @@
+"""One simulated scene with everything that is known about it, in memory and as a folder on disk.
+
+The folder is an ordinary scene (scene.json, images/, backgrounds/); beside it lie `targets/`, a second scene
+with the views from the hemisphere, world.json, cell.json, truth.npz and grasps.npz. docs/data_format.md
+describes each.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neugrasp.data.labels import Labels, labels_from_bytes, labels_to_bytes
+from neugrasp.data.npz import npz_arrays, npz_bytes
+from neugrasp.data.scene_folder import read_scene, write_scene
+from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.geometry.camera import Camera
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.simulation.scene import Scene, scene_from_json, scene_to_json
+from neugrasp.views import View, Views
+
+DEPTH_UNIT = 1e-4
+"""Metres that one step of a stored depth stands for; 0 is no surface."""
+FILES = ("scene.json", "world.json", "cell.json", "truth.npz", "grasps.npz", "targets/scene.json")
+
+
+@dataclass(frozen=True)
+class Record:
+    """A scene as training and evaluation use it: n input views and m targets of s x s pixels."""
+
+    name: str
+    scene: Scene
+    """Bodies and materials."""
+    cell: Mapping[str, Any]
+    """Seed, light, table and view set of the work cell, as the generator drew them."""
+    images: NDArray[np.uint8]
+    """(n, s, s, 3)"""
+    backgrounds: NDArray[np.uint8]
+    """(n, s, s, 3)"""
+    cameras: tuple[Camera, ...]
+    """n, in the workspace frame."""
+    targets: NDArray[np.uint8]
+    """(m, s, s, 3)"""
+    target_backgrounds: NDArray[np.uint8]
+    """(m, s, s, 3)"""
+    target_cameras: tuple[Camera, ...]
+    depths: NDArray[np.float32]
+    """(n, s, s) z-depth of the input views, metres; 0 where there is no surface."""
+    masks: NDArray[np.int8]
+    """(n, s, s): -1 nothing, 0 table, i + 1 body i."""
+    tsdf: NDArray[np.float32]
+    """(40, 40, 40) indexed [x, y, z], in [-1, 1]; -1 where not observed."""
+    observed: NDArray[np.bool_]
+    """(40, 40, 40)"""
+    labels: Labels
+
+    @property
+    def kind(self) -> str:
+        """ "single", "pile" or "packed"."""
+        return self.scene.kind
+
+    @property
+    def seed(self) -> int:
+        """The seed of the arrangement."""
+        return self.scene.seed
+
+    @property
+    def materials(self) -> tuple[str, ...]:
+        """ "diffuse", "specular" or "transparent", one per body."""
+        return tuple(material.kind for material in self.scene.materials)
+
+    def views(self, workspace: Workspace | None = None) -> Views:
+        """What a detector may see of the record."""
+        return _views(self.images, self.backgrounds, self.cameras, workspace or Workspace())
+
+    def target_views(self, workspace: Workspace | None = None) -> Views:
+        """The views from the hemisphere, for photometric losses."""
+        backgrounds = self.target_backgrounds
+        return _views(self.targets, backgrounds, self.target_cameras, workspace or Workspace())
+
+
+def write_record(folder: Path, record: Record) -> None:
+    """Writes the record as `folder`, all of it or nothing; an existing complete folder stays as it is.
+
+    The same record gives the same bytes. Raises `NeuGraspError` where the disk refuses.
+    """
+    folder = Path(folder)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=f".tmp-{folder.name}-", dir=folder.parent))
+    except OSError as error:
+        raise NeuGraspError(f"{folder}: cannot be written ({error.strerror})") from error
+    try:
+        temporary.chmod(0o755)
+        _write_files(temporary, record)
+        if not folder.exists():
+            temporary.rename(folder)
+    except OSError as error:
+        raise NeuGraspError(f"{folder}: cannot be written ({error.strerror}); nothing was kept") from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def read_record(folder: Path) -> Record:
+    """The record in `folder`. Raises `InputError` naming the file that is missing or damaged."""
+    folder = Path(folder)
+    for name in FILES:
+        if not (folder / name).is_file():
+            raise InputError(f"{folder / name}: missing; a record needs {', '.join(FILES)}")
+    inputs, targets = read_scene(folder), read_scene(folder / "targets")
+    world = scene_from_json((folder / "world.json").read_text(errors="replace"), folder / "world.json")
+    try:
+        cell = json.loads((folder / "cell.json").read_text(errors="replace"))
+    except json.JSONDecodeError as error:
+        raise InputError(f"{folder / 'cell.json'}: not valid JSON ({error})") from error
+    record = Record(
+        name=folder.name,
+        scene=world,
+        cell=cell,
+        images=_stacked(inputs, "image", folder / "images"),
+        backgrounds=_stacked(inputs, "background", folder / "backgrounds"),
+        cameras=tuple(view.camera for view in inputs.views),
+        targets=_stacked(targets, "image", folder / "targets" / "images"),
+        target_backgrounds=_stacked(targets, "background", folder / "targets" / "backgrounds"),
+        target_cameras=tuple(view.camera for view in targets.views),
+        **truth_from_bytes((folder / "truth.npz").read_bytes(), str(folder / "truth.npz")),
+        labels=labels_from_bytes((folder / "grasps.npz").read_bytes(), str(folder / "grasps.npz")),
+    )
+    check_record(record, str(folder))
+    return record
+
+
+def check_record(record: Record, source: str) -> None:
+    """Raises `InputError` naming `source` where the parts of a record do not fit together."""
+    n, height, width = record.images.shape[:3]
+    resolution = Workspace().resolution
+    k = len(record.labels.success)
+    expected = {
+        "depth": (record.depths.shape, (n, height, width)),
+        "masks": (record.masks.shape, (n, height, width)),
+        "tsdf": (record.tsdf.shape, (resolution,) * 3),
+        "observed": (record.observed.shape, (resolution,) * 3),
+        "points": (record.labels.points.shape, (k, 3)),
+        "quaternions": (record.labels.quaternions.shape, (k, 4)),
+        "widths": (record.labels.widths.shape, (k,)),
+        "materials": ((len(record.scene.materials),), (len(record.scene.bodies),)),
+    }
+    for name, (shape, wanted) in expected.items():
+        if shape != wanted:
+            raise InputError(f"{source}: {name} has shape {shape}; it must be {wanted}")
+
+
+def truth_to_bytes(record: Record) -> bytes:
+    """Grid, depths and masks as a compressed npz."""
+    depth = np.where(np.isfinite(record.depths) & (record.depths > 0), record.depths / DEPTH_UNIT, 0)
+    return npz_bytes(
+        tsdf=record.tsdf.astype(np.float16),
+        observed=np.packbits(record.observed),
+        depth=np.clip(np.round(depth), 0, 65535).astype(np.uint16),
+        masks=record.masks.astype(np.int8),
+    )
+
+
+def truth_from_bytes(data: bytes, source: str) -> dict[str, Any]:
+    """The fields tsdf, observed, depths and masks of a `Record`."""
+    arrays = npz_arrays(data, ("tsdf", "observed", "depth", "masks"), source)
+    bits = np.unpackbits(arrays["observed"])[: arrays["tsdf"].size].astype(bool)
+    if bits.size != arrays["tsdf"].size:
+        raise InputError(f"{source}: 'observed' has {bits.size} voxels, 'tsdf' {arrays['tsdf'].size}")
+    return {
+        "tsdf": arrays["tsdf"].astype(np.float32),
+        "observed": bits.reshape(arrays["tsdf"].shape),
+        "depths": arrays["depth"].astype(np.float32) * np.float32(DEPTH_UNIT),
+        "masks": arrays["masks"],
+    }
+
+
+def _write_files(folder: Path, record: Record) -> None:
+    workspace = Workspace()
+    write_scene(folder, record.views(workspace))
+    targets = _views(record.targets, record.target_backgrounds, record.target_cameras, workspace)
+    write_scene(folder / "targets", targets)
+    (folder / "world.json").write_text(scene_to_json(record.scene) + "\n")
+    (folder / "cell.json").write_text(json.dumps(record.cell, indent=1, sort_keys=True) + "\n")
+    (folder / "truth.npz").write_bytes(truth_to_bytes(record))
+    (folder / "grasps.npz").write_bytes(labels_to_bytes(record.labels))
+
+
+def _views(
+    images: NDArray[np.uint8],
+    backgrounds: NDArray[np.uint8],
+    cameras: tuple[Camera, ...],
+    workspace: Workspace,
+) -> Views:
+    triples = zip(images, backgrounds, cameras, strict=True)
+    return Views(tuple(View(image, background, camera) for image, background, camera in triples), workspace)
+
+
+def _stacked(views: Views, field: str, source: Path) -> NDArray[np.uint8]:
+    images = [getattr(view, field) for view in views.views]
+    if len({image.shape for image in images}) != 1:
+        raise InputError(f"{source}: images of several sizes; those of a record are all of one size")
+    return np.stack(images)

@@ -1,0 +1,179 @@
+"""A scene on disk, as a user captures it: `scene.json`, the photos, and the photos of the empty table.
+
+The format is written down in docs/data_format.md. What else lies in the folder is ignored.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any
+
+import numpy as np
+from PIL import Image as Picture
+from PIL import UnidentifiedImageError
+
+from neugrasp.data.camera_checks import check_intrinsics, check_rigid, check_scene, check_sensed, numbers
+from neugrasp.errors import InputError
+from neugrasp.geometry.camera import Camera
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.views import MAX_VIEWS, Image, View, Views
+
+FORMAT = "neugrasp-scene"
+VERSION = 1
+FILE = "scene.json"
+SMALLEST_IMAGE = 32
+"""Pixels; a smaller photo is a thumbnail or a mistake."""
+
+
+def read_scene(path: Path) -> Views:
+    """The scene in folder `path` (or whose `scene.json` is `path`).
+
+    Raises `InputError` that names the file and the view, what is wrong, and what would be right.
+    """
+    path = Path(path)
+    folder = path.parent if path.name == FILE else path
+    file = folder / FILE
+    data = _read_json(file)
+    workspace = _workspace(data, file)
+    entries = data.get("views")
+    if not isinstance(entries, list):
+        raise InputError(f"{file}: 'views' must be a list of views")
+    if not 1 <= len(entries) <= MAX_VIEWS:
+        raise InputError(f"{file}: {len(entries)} views given; a scene has 1 to {MAX_VIEWS} views")
+    views = tuple(_view(entry, f"{file}, view {i}", folder) for i, entry in enumerate(entries))
+    scene = Views(views, workspace)
+    check_scene(scene, str(file))
+    return scene
+
+
+def write_scene(path: Path, views: Views) -> None:
+    """Writes `views` as a scene into folder `path`. `scene.json` comes last and at once: a folder without it
+    is not a scene yet."""
+    path = Path(path)
+    entries = []
+    for i, view in enumerate(views.views):
+        entry: dict[str, Any] = {"image": f"images/{i}.png", "background": f"backgrounds/{i}.png"}
+        for key, pixels in (("image", view.image), ("background", view.background)):
+            target = path / entry[key]
+            target.parent.mkdir(parents=True, exist_ok=True)
+            Picture.fromarray(pixels).save(target, compress_level=4)
+        entry["intrinsics"] = view.camera.intrinsics.tolist()
+        entry["world_from_camera"] = view.camera.world_from_camera.tolist()
+        if view.camera.sensed is not None:
+            entry["sensed"] = [float(edge) for edge in view.camera.sensed]
+        entries.append(entry)
+    place = {
+        "size": views.workspace.size,
+        "world_from_workspace": views.workspace.world_from_workspace.tolist(),
+    }
+    text = json.dumps({"format": FORMAT, "version": VERSION, "workspace": place, "views": entries}, indent=1)
+    part = path / (FILE + ".part")
+    part.write_text(text, encoding="utf-8")
+    part.replace(path / FILE)
+
+
+def read_image(file: Path, where: str) -> Image:
+    """A photo as RGB, (height, width, 3). `where` says who asked for it, for the message."""
+    try:
+        with Picture.open(file) as picture:
+            if picture.mode not in ("RGB", "RGBA", "L", "LA", "P", "1"):
+                raise InputError(f"{file}: pixels of type {picture.mode}; {where} needs an 8-bit RGB photo")
+            image: Image = np.asarray(picture.convert("RGB"), dtype=np.uint8)
+    except FileNotFoundError:
+        raise InputError(f"{file}: missing; {where} names it") from None
+    except (
+        UnidentifiedImageError,
+        OSError,
+        SyntaxError,
+        ValueError,
+        Picture.DecompressionBombError,
+    ) as error:
+        if isinstance(error, InputError):
+            raise
+        reason = "no image that can be read" if isinstance(error, UnidentifiedImageError) else str(error)
+        raise InputError(f"{file}: {reason}; {where} needs a complete PNG or JPEG photo") from error
+    if min(image.shape[:2]) < SMALLEST_IMAGE:
+        raise InputError(
+            f"{file}: {image.shape[1]} x {image.shape[0]} pixels; {where} needs a photo of at least "
+            f"{SMALLEST_IMAGE} x {SMALLEST_IMAGE}"
+        )
+    return image
+
+
+def _read_json(file: Path) -> dict[str, Any]:
+    """The content of `scene.json`, of a format and version that this program reads."""
+    try:
+        data = json.loads(file.read_text(encoding="utf-8"))
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(
+            f"{file}: missing; a scene is a folder with {FILE}, images/ and backgrounds/"
+        ) from None
+    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+        raise InputError(f"{file}: not valid JSON ({error})") from error
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read ({error.strerror})") from error
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        raise InputError(f'{file}: not a scene; it must be an object with "format": "{FORMAT}"')
+    version = data.get("version")
+    if isinstance(version, int) and version > VERSION:
+        raise InputError(
+            f"{file}: scene version {version} is newer than this program, which reads {VERSION}; "
+            "update neugrasp"
+        )
+    if version != VERSION or isinstance(version, bool):
+        raise InputError(f"{file}: unknown scene version {version!r}; this program reads {VERSION}")
+    return data
+
+
+def _workspace(data: dict[str, Any], file: Path) -> Workspace:
+    """The cube and its place in the user's world."""
+    entry = data.get("workspace")
+    if not isinstance(entry, dict):
+        raise InputError(f"{file}: 'workspace' must be an object with 'size' and 'world_from_workspace'")
+    size = float(numbers(entry.get("size"), (), f"{file}: workspace size"))
+    standard = Workspace().size
+    if not np.isclose(size, standard, atol=1e-6):
+        guess = " (that looks like millimetres)" if np.isclose(size / 1000, standard) else ""
+        raise InputError(f"{file}: workspace size {size:g} m{guess}; it must be {standard:.2f} m")
+    pose = check_rigid(entry.get("world_from_workspace"), f"{file}: world_from_workspace")
+    return Workspace(world_from_workspace=pose)
+
+
+def _view(entry: Any, where: str, folder: Path) -> View:
+    """One entry of 'views' with its two photos loaded."""
+    if not isinstance(entry, dict):
+        raise InputError(f"{where}: must be an object with image, background, intrinsics, world_from_camera")
+    image_file, background_file = (_inside(folder, entry, key, where) for key in ("image", "background"))
+    image, background = read_image(image_file, where), read_image(background_file, where)
+    if image.shape != background.shape:
+        raise InputError(
+            f"{background_file}: background of {_size(background)}, image of {_size(image)}; "
+            f"{where} needs both from the same camera at the same size"
+        )
+    height, width = image.shape[:2]
+    camera = Camera(
+        check_intrinsics(entry.get("intrinsics"), width, height, f"{where}: intrinsics"),
+        check_rigid(entry.get("world_from_camera"), f"{where}: world_from_camera"),
+        width,
+        height,
+        check_sensed(entry.get("sensed"), width, height, f"{where}: sensed"),
+    )
+    return View(image, background, camera, name=entry["image"])
+
+
+def _inside(folder: Path, entry: dict[str, Any], key: str, where: str) -> Path:
+    """The file that `entry` names under `key`; only files below the scene's folder are read."""
+    name = entry.get(key)
+    if not isinstance(name, str) or not name:
+        raise InputError(f"{where}: {key!r} must be the path of a photo, relative to {FILE}")
+    pure = PurePosixPath(name)
+    if pure.is_absolute() or PureWindowsPath(name).is_absolute() or ".." in pure.parts or "\0" in name:
+        raise InputError(f"{where}: {key} {name!r} leaves the scene folder; copy the photo into the folder")
+    return folder / pure
+
+
+def _size(image: Image) -> str:
+    shape: Sequence[int] = image.shape
+    return f"{shape[1]} x {shape[0]} pixels"

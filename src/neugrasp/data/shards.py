@@ -1,0 +1,204 @@
+"""Records packed into a few files for training: zip archives of at most 60 MB with lossless WebP images.
+
+An image that several records share, such as the background of a work cell, is stored once per shard.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import zipfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image as Picture
+
+from neugrasp.data.labels import labels_from_bytes, labels_to_bytes
+from neugrasp.data.records import Record, check_record, read_record, truth_from_bytes, truth_to_bytes
+from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.simulation.scene import camera_from_dict, camera_to_dict, scene_from_json, scene_to_json
+from neugrasp.views import Image
+
+FORMAT = "neugrasp-shards"
+VERSION = 1
+INDEX = "index.json"
+LIMIT = 60_000_000
+"""Bytes; a shard never grows beyond it, unless a single record does."""
+_IMAGES = ("images", "backgrounds", "targets", "target_backgrounds")
+
+
+def pack(folders: Sequence[Path], out: Path, limit: int = LIMIT) -> Path:
+    """Packs every record found in `folders` into shards in `out`; the path of their index.
+
+    The same records give the same bytes. Raises `InputError` where there are none or two of one name.
+    """
+    found = [path.parent for folder in folders for path in sorted(Path(folder).glob("*/grasps.npz"))]
+    names = [path.name for path in found]
+    if not found:
+        raise InputError(f"{', '.join(map(str, folders))}: no records here; generate some first")
+    if doubled := sorted({name for name in names if names.count(name) > 1}):
+        raise InputError(f"record {doubled[0]!r} is in two of the folders; names must differ")
+    out = Path(out)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        entries = [entry for shard in _shards(found, limit) for entry in shard.write(out)]
+        return _write_index(out, entries)
+    except OSError as error:
+        raise NeuGraspError(f"{out}: cannot be written ({error.strerror})") from error
+
+
+@dataclass
+class _Shard:
+    """A shard being filled."""
+
+    number: int
+    members: dict[str, bytes] = field(default_factory=dict)
+    entries: list[dict[str, Any]] = field(default_factory=list)
+
+    def size(self, more: dict[str, bytes]) -> int:
+        """Bytes of the archive with `more` members; each costs its name twice and two headers."""
+        return sum(len(data) + 2 * len(name) + 160 for name, data in (self.members | more).items())
+
+    def write(self, out: Path) -> list[dict[str, Any]]:
+        """Writes the archive at once and gives the entries of the index."""
+        file = f"shard_{self.number:04d}.zip"
+        temporary = out / f".{file}.tmp"
+        with zipfile.ZipFile(temporary, "w", zipfile.ZIP_STORED) as archive:
+            for name, data in self.members.items():
+                archive.writestr(zipfile.ZipInfo(name), data)
+        temporary.replace(out / file)
+        return [{**entry, "shard": file} for entry in self.entries]
+
+
+def _shards(folders: Sequence[Path], limit: int) -> Iterator[_Shard]:
+    shard = _Shard(0)
+    for folder in folders:
+        record = read_record(folder)
+        members = _members(record)
+        if shard.entries and shard.size(members) > limit:
+            yield shard
+            shard = _Shard(shard.number + 1)
+        shard.members.update(members)
+        entry = {"name": record.name, "kind": record.kind, "materials": list(record.materials)}
+        shard.entries.append(entry)
+    yield shard
+
+
+def _members(record: Record) -> dict[str, bytes]:
+    members: dict[str, bytes] = {}
+    pictures: dict[str, list[str]] = {}
+    for group in _IMAGES:
+        pictures[group] = []
+        for image in getattr(record, group):
+            name = f"images/{hashlib.sha256(image.tobytes()).hexdigest()[:32]}.webp"
+            members[name] = _webp(image)
+            pictures[group].append(name)
+    description = {
+        "scene": json.loads(scene_to_json(record.scene)),
+        "cell": dict(record.cell),
+        "cameras": [camera_to_dict(camera) for camera in record.cameras],
+        "target_cameras": [camera_to_dict(camera) for camera in record.target_cameras],
+        **pictures,
+    }
+    members[f"{record.name}/record.json"] = json.dumps(description).encode()
+    members[f"{record.name}/truth.npz"] = truth_to_bytes(record)
+    members[f"{record.name}/grasps.npz"] = labels_to_bytes(record.labels)
+    return members
+
+
+def _webp(image: Image) -> bytes:
+    stream = io.BytesIO()
+    Picture.fromarray(image).save(stream, "WEBP", lossless=True, quality=60, method=4, exact=True)
+    return stream.getvalue()
+
+
+def _write_index(out: Path, entries: list[dict[str, Any]]) -> Path:
+    used = {entry["shard"] for entry in entries}
+    for stale in out.glob("shard_*.zip"):
+        if stale.name not in used:
+            stale.unlink()
+    index, temporary = out / INDEX, out / f".{INDEX}.tmp"
+    temporary.write_text(json.dumps({"format": FORMAT, "version": VERSION, "records": entries}, indent=1))
+    temporary.replace(index)
+    return index
+
+
+class Shards(Sequence[Record]):
+    """Random access to packed records. Picklable: archives are opened when they are first read."""
+
+    def __init__(self, folder: Path):
+        """Raises `InputError` where the index is missing, damaged or of a newer version."""
+        self.folder = Path(folder)
+        index = self.folder / INDEX
+        try:
+            data = json.loads(index.read_text())
+            if data["format"] != FORMAT:
+                raise InputError(f"{index}: not an index of {FORMAT}")
+            if data["version"] > VERSION:
+                raise InputError(
+                    f"{index}: version {data['version']}, this program reads {VERSION}; update it"
+                )
+            self.entries: list[dict[str, Any]] = data["records"]
+            self.names = tuple(entry["name"] for entry in self.entries)
+        except FileNotFoundError as error:
+            raise InputError(f"{index}: missing; pack records into this folder first") from error
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(f"{index}: damaged ({error!r}); pack the records again") from error
+
+    def __len__(self) -> int:
+        return len(self.entries)
+
+    def __getitem__(self, index: Any) -> Any:
+        """The record at `index`. Raises `InputError` naming the shard where it is damaged."""
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        entry = self.entries[index]
+        path = self.folder / entry["shard"]
+        try:
+            with zipfile.ZipFile(path) as archive:
+                return _record(archive, entry["name"], f"{path}, {entry['name']}")
+        except FileNotFoundError as error:
+            raise InputError(
+                f"{path}: missing; copy it beside the index or pack the records again"
+            ) from error
+        except (zipfile.BadZipFile, KeyError, ValueError, OSError, EOFError, TypeError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(
+                f"{path}: damaged at record {entry['name']} ({error}); copy or pack it again"
+            ) from error
+
+
+def _record(archive: zipfile.ZipFile, name: str, source: str) -> Record:
+    description = json.loads(archive.read(f"{name}/record.json"))
+    record = Record(
+        name=name,
+        scene=scene_from_json(json.dumps(description["scene"]), source),
+        cell=description["cell"],
+        cameras=tuple(camera_from_dict(camera) for camera in description["cameras"]),
+        target_cameras=tuple(camera_from_dict(camera) for camera in description["target_cameras"]),
+        images=_stacked(archive, description["images"]),
+        backgrounds=_stacked(archive, description["backgrounds"]),
+        targets=_stacked(archive, description["targets"]),
+        target_backgrounds=_stacked(archive, description["target_backgrounds"]),
+        **truth_from_bytes(archive.read(f"{name}/truth.npz"), source),
+        labels=labels_from_bytes(archive.read(f"{name}/grasps.npz"), source),
+    )
+    check_record(record, source)
+    return record
+
+
+def _stacked(archive: zipfile.ZipFile, members: Sequence[str]) -> Image:
+    return np.stack([_image(archive, member) for member in members])
+
+
+def _image(archive: zipfile.ZipFile, member: str) -> Image:
+    # Reading a member checks its CRC, so that a flipped bit is an error rather than a wrong pixel.
+    with Picture.open(io.BytesIO(archive.read(member))) as picture:
+        return np.asarray(picture.convert("RGB"))

@@ -1,0 +1,52 @@
+"""The bundled scenes: photos that the generator rendered of objects that no weights were trained on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from neugrasp.data.scene_folder import read_scene
+from neugrasp.detection.detector import Detection, NeuGraspDetector
+from neugrasp.errors import InputError
+from neugrasp.export import whole_or_nothing, write_picture, write_prediction
+from neugrasp.pictures import slice_picture, surface_sheet
+
+
+@dataclass(frozen=True)
+class DemoScene:
+    """One bundled scene."""
+
+    name: str
+    folder: Path
+
+
+def demo_scenes() -> list[DemoScene]:
+    """The bundled scenes by name."""
+    root = Path(str(resources.files("neugrasp"))) / "demo" / "scenes"
+    folders = sorted(file.parent for file in root.glob("*/scene.json"))
+    if not folders:
+        raise InputError(f"{root}: no bundled scenes; this installation is incomplete")
+    return [DemoScene(folder.name, folder) for folder in folders]
+
+
+def run_demo(scene: DemoScene, detector: NeuGraspDetector, out: Path) -> Detection:
+    """Predicts a scene and writes its four files, surface.png and slice.png into `out`."""
+    views = read_scene(scene.folder)
+    detection = detector.detect(views)
+    truth = _truth(scene.folder / "truth.npz")
+    with whole_or_nothing(out) as part:
+        write_prediction(part, views, detection, detector.gripper)
+        write_picture(part / "surface.png", surface_sheet(views, detection.tsdf, truth))
+        write_picture(part / "slice.png", slice_picture(detection.tsdf, views.workspace))
+    return detection
+
+
+def _truth(file: Path) -> np.ndarray | None:
+    """The true grid that the generator fused from depth images, where the scene has one."""
+    if not file.exists():
+        return None
+    with np.load(file) as arrays:
+        return np.asarray(arrays["tsdf"], dtype=np.float32)

@@ -1,0 +1,139 @@
+"""The files that a prediction leaves behind: grasps.json, surface.ply, tsdf.npz, overlay.png."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+from PIL import Image as Picture
+
+from neugrasp.detection.detector import Detection
+from neugrasp.errors import InputError
+from neugrasp.geometry.pose import from_quaternion, to_quaternion
+from neugrasp.geometry.surface import Surface, surface_of
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.grasp import Grasp
+from neugrasp.gripper import Gripper
+from neugrasp.pictures import overlay_sheet
+from neugrasp.views import Image, Views
+
+FORMAT = "neugrasp-grasps"
+VERSION = 1
+
+
+def write_prediction(folder: Path, views: Views, detection: Detection, gripper: Gripper) -> None:
+    """The four files of a prediction, everything in the user's world."""
+    workspace = views.workspace
+    surface = surface_of(detection.tsdf, workspace).moved(workspace.world_from_workspace)
+    write_surface(folder / "surface.ply", surface)
+    write_tsdf(folder / "tsdf.npz", detection.tsdf, workspace)
+    write_picture(folder / "overlay.png", overlay_sheet(views, detection.grasps, gripper))
+    write_grasps(folder / "grasps.json", detection.grasps, detection.rejected, detection.timing_s)
+
+
+def write_grasps(
+    file: Path,
+    grasps: Sequence[Grasp],
+    rejected: Mapping[str, int] | None = None,
+    timing_s: Mapping[str, float] | None = None,
+) -> None:
+    """Grasps in the world frame, best first; how many candidates each reason rejected; seconds per stage."""
+    ordered = sorted(grasps, key=lambda grasp: -grasp.score)
+    entries = [
+        {
+            "position": [float(x) for x in grasp.position],
+            "quaternion_xyzw": [float(x) for x in to_quaternion(grasp.pose)],
+            "width": float(grasp.width),
+            "score": float(grasp.score),
+        }
+        for grasp in ordered
+    ]
+    content = {
+        "format": FORMAT,
+        "version": VERSION,
+        "frame": "world",
+        "grasps": entries,
+        "rejected": {reason: int(count) for reason, count in (rejected or {}).items()},
+        "timing_s": {stage: float(seconds) for stage, seconds in (timing_s or {}).items()},
+    }
+    file.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def read_grasps(file: Path) -> list[Grasp]:
+    """The grasps of a `grasps.json`, world frame. Raises `InputError` naming the file."""
+    try:
+        data = json.loads(file.read_text(encoding="utf-8"))
+        if data["format"] != FORMAT or data["version"] != VERSION:
+            raise InputError(f"{file}: not a {FORMAT} file of version {VERSION}")
+        return [
+            Grasp(
+                from_quaternion(entry["quaternion_xyzw"], entry["position"]),
+                float(entry["width"]),
+                float(entry["score"]),
+            )
+            for entry in data["grasps"]
+        ]
+    except FileNotFoundError:
+        raise InputError(f"{file}: missing") from None
+    except InputError:
+        raise
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{file}: damaged list of grasps ({error!r})") from error
+
+
+def write_surface(file: Path, surface: Surface) -> None:
+    """A binary little-endian PLY file with float32 vertices, metres."""
+    header = (
+        "ply\nformat binary_little_endian 1.0\ncomment neugrasp surface, metres, world frame\n"
+        f"element vertex {len(surface.vertices)}\nproperty float x\nproperty float y\nproperty float z\n"
+        f"element face {len(surface.faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    faces = np.empty(len(surface.faces), dtype=[("count", "u1"), ("corners", "<i4", 3)])
+    faces["count"], faces["corners"] = 3, surface.faces
+    with file.open("wb") as stream:
+        stream.write(header.encode("ascii"))
+        stream.write(surface.vertices.astype("<f4").tobytes())
+        stream.write(faces.tobytes())
+
+
+def write_tsdf(file: Path, tsdf: ArrayLike, workspace: Workspace) -> None:
+    """The grid [x, y, z] with what places it: voxel (i, j, k) has its centre at (i + 0.5) voxel sizes."""
+    np.savez_compressed(
+        file,
+        tsdf=np.asarray(tsdf, dtype=np.float32),
+        size=workspace.size,
+        truncation=workspace.truncation,
+        world_from_workspace=workspace.world_from_workspace,
+    )
+
+
+def write_picture(file: Path, image: Image) -> None:
+    """A PNG file."""
+    Picture.fromarray(image).save(file)
+
+
+@contextmanager
+def whole_or_nothing(out: Path) -> Iterator[Path]:
+    """A folder to write into whose files all move to `out` at the end, or vanish where something fails.
+
+    Files that `out` holds already stay, unless one of the same name replaces them.
+    """
+    is_new = not out.exists()
+    out.mkdir(parents=True, exist_ok=True)
+    part = Path(tempfile.mkdtemp(prefix=".part-", dir=out))
+    try:
+        yield part
+        for file in sorted(part.iterdir()):
+            file.replace(out / file.name)
+    except BaseException:
+        shutil.rmtree(part, ignore_errors=True)
+        if is_new and not any(out.iterdir()):
+            out.rmdir()
+        raise
+    part.rmdir()

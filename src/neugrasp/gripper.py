@@ -1,0 +1,248 @@
+"""The gripper as data, read from one JSON file: the simulator, the labels and the overlays all use it.
+
+The hand frame has its origin at the flange, z towards the finger tips, y along the line on which the fingers
+close. Grasps are given at the TCP, a point between the pads.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from neugrasp.errors import InputError
+from neugrasp.geometry.pose import Array
+
+FORMAT, VERSION = "neugrasp-gripper", 1
+STEM = 0.06
+"""Length in metres of the line that stands for the arm in overlays."""
+
+
+@dataclass(frozen=True)
+class Link:
+    """A rigid part of the gripper: the palm, or the finger on the side of +y."""
+
+    mass: float
+    """Kilograms."""
+    centre_of_mass: Array
+    """(3,), metres, in the link's frame."""
+    hulls: tuple[Array, ...]
+    """Corners (n, 3) of the convex parts that can touch something, metres, in the link's frame."""
+
+
+@dataclass(frozen=True)
+class Pads:
+    """How the finger pads touch."""
+
+    lateral_friction: float
+    spinning_friction: float
+    stiffness: float
+    """N/m."""
+    damping: float
+    """N s/m."""
+
+
+@dataclass(frozen=True)
+class Gripper:
+    """A parallel-jaw gripper. The second finger is the first one turned by pi about z."""
+
+    name: str
+    max_opening: float
+    """Largest distance between the pads, metres."""
+    finger_depth: float
+    """Length of finger, from the tip, that may close around an object, metres."""
+    tcp_height: float
+    """z of the TCP in the hand frame, metres."""
+    tcp_depth: float
+    """Distance along the approach from the grasp point, to which labels and voxels refer, to the TCP."""
+    palm: Link
+    finger: Link
+    """In a frame with the hand's axes; y = 0 is the pad's surface."""
+    finger_mount: float
+    """z of the finger's frame in the hand frame, metres."""
+    pads: Pads
+    closing_force: float
+    """Newton, of each finger."""
+    closing_speed: float
+    """m/s, of each finger."""
+    holding_force: float
+    """Newton with which the arm holds the hand on its path."""
+    centring_force: float
+    """Newton with which the gear keeps both fingers at the same distance from the middle."""
+
+    @classmethod
+    def load(cls, name_or_path: str | Path) -> Gripper:
+        """A bundled gripper by name, or a gripper file. Raises `InputError` naming the file and the field."""
+        path = Path(name_or_path)
+        if path.suffix != ".json":
+            if str(name_or_path) not in bundled():
+                raise InputError(
+                    f"unknown gripper {str(name_or_path)!r}; choose one of {', '.join(bundled())}, "
+                    "or give the path of a .json file"
+                )
+            path = Path(str(_folder() / f"{name_or_path}.json"))
+        try:
+            data = json.loads(path.read_text())
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+        except ValueError as error:
+            raise InputError(f"{path}: not JSON ({error})") from error
+        return _gripper(_Fields(str(path), "", data))
+
+    @property
+    def tip_height(self) -> float:
+        """z of the finger tips in the hand frame, metres."""
+        return self.finger_mount + max(float(hull[:, 2].max()) for hull in self.finger.hulls)
+
+    @property
+    def palm_height(self) -> float:
+        """z of the palm's front in the hand frame, metres."""
+        return max(float(hull[:, 2].max()) for hull in self.palm.hulls)
+
+    def wireframe(self, opening: float) -> Array:
+        """Segments (4, 2, 3) in the grasp frame, metres: palm, two fingers and the arm behind."""
+        half = opening / 2
+        palm, tip = self.palm_height - self.tcp_height, self.tip_height - self.tcp_height
+        left, right, middle = (0.0, half, palm), (0.0, -half, palm), (0.0, 0.0, palm)
+        segments = [
+            (left, right),
+            (left, (0.0, half, tip)),
+            (right, (0.0, -half, tip)),
+            ((0.0, 0.0, palm - STEM), middle),
+        ]
+        return np.array(segments)
+
+
+def bundled() -> tuple[str, ...]:
+    """Names of the grippers that come with the package."""
+    return tuple(sorted(f.name[:-5] for f in _folder().iterdir() if f.name.endswith(".json")))
+
+
+def _folder() -> Any:
+    return resources.files("neugrasp") / "grippers"
+
+
+class _Fields:
+    """One object of a gripper file, read with messages that name the file and the field."""
+
+    def __init__(self, source: str, prefix: str, data: Any):
+        self.source, self.prefix, self.data = source, prefix, data
+        if not isinstance(data, dict):
+            raise InputError(f"{source}: {prefix.rstrip('.') or 'the file'} is not a JSON object")
+
+    def refuse(self, field: str, problem: str) -> InputError:
+        return InputError(f"{self.source}: {self.prefix}{field} {problem}")
+
+    def get(self, field: str) -> Any:
+        if field not in self.data:
+            raise self.refuse(field, f"is missing; present: {', '.join(self.data) or 'nothing'}")
+        return self.data[field]
+
+    def inside(self, field: str) -> _Fields:
+        return _Fields(self.source, f"{self.prefix}{field}.", self.get(field))
+
+    def number(self, field: str, low: float, high: float, unit: str = "") -> float:
+        """A number in [low, high]."""
+        value = self.get(field)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+            raise self.refuse(field, f"is {value!r}; it must be a number from {low:g} to {high:g} {unit}")
+        return float(value)
+
+    def points(self, field: str, count: int | None = None) -> Array:
+        """An array (n, 3), or (3,) where `count` is 1, of coordinates within a metre."""
+        shape = "[x, y, z]" if count == 1 else "[[x, y, z], ...]"
+        try:
+            points = np.array(self.get(field), dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise self.refuse(field, f"is not {shape} in metres") from error
+        wanted = (3,) if count == 1 else (len(points) if points.ndim else 0, 3)
+        if points.shape != wanted or not np.all(np.abs(points) <= 1.0):
+            raise self.refuse(field, f"is not {shape} in metres (each within 1 m of the flange)")
+        return points
+
+
+def _gripper(fields: _Fields) -> Gripper:
+    if fields.get("format") != FORMAT:
+        raise fields.refuse("format", f"is {fields.get('format')!r}; it must be {FORMAT!r}")
+    if fields.get("version") != VERSION:
+        raise fields.refuse("version", f"is {fields.get('version')!r}; this program reads version {VERSION}")
+    if not isinstance(fields.get("name"), str) or not fields.get("name"):
+        raise fields.refuse("name", "must be a word")
+    finger, pads = fields.inside("finger"), fields.inside("finger").inside("pads")
+    gripper = Gripper(
+        name=fields.get("name"),
+        max_opening=fields.number("max_opening", 0.005, 0.5, "m"),
+        finger_depth=fields.number("finger_depth", 0.005, 0.3, "m"),
+        tcp_height=fields.number("tcp_height", 0.01, 0.5, "m"),
+        tcp_depth=fields.number("tcp_depth", 0.0, 0.3, "m"),
+        palm=_link(fields.inside("palm")),
+        finger=_link(finger),
+        finger_mount=finger.number("mount", 0.0, 0.5, "m"),
+        pads=Pads(
+            lateral_friction=pads.number("lateral_friction", 0.01, 10),
+            spinning_friction=pads.number("spinning_friction", 0, 10),
+            stiffness=pads.number("stiffness", 1, 1e7, "N/m"),
+            damping=pads.number("damping", 0, 1e6, "N s/m"),
+        ),
+        closing_force=fields.number("closing_force", 0.1, 1000, "N"),
+        closing_speed=fields.number("closing_speed", 0.001, 2, "m/s"),
+        holding_force=fields.number("holding_force", 1, 1e5, "N"),
+        centring_force=fields.number("centring_force", 0.1, 1e5, "N"),
+    )
+    _check(fields, gripper)
+    return gripper
+
+
+def _link(fields: _Fields) -> Link:
+    parts = fields.get("parts")
+    if not isinstance(parts, list) or not parts:
+        raise fields.refuse("parts", "must be a list of at least one box or hull")
+    hulls = tuple(
+        _hull(_Fields(fields.source, f"{fields.prefix}parts[{i}].", p)) for i, p in enumerate(parts)
+    )
+    return Link(fields.number("mass", 1e-3, 20, "kg"), fields.points("centre_of_mass", 1), hulls)
+
+
+def _hull(part: _Fields) -> Array:
+    if "hull" in part.data:
+        corners = part.points("hull")
+    elif "size" in part.data:
+        size, centre = part.points("size", 1), part.points("centre", 1)
+        if not np.all(size > 0):
+            raise part.refuse("size", f"is {size.tolist()}; all three edges must be longer than 0 m")
+        corners = centre + size / 2 * np.array(_signs())
+    else:
+        raise part.refuse("hull", 'is missing; a part is {"hull": [...]} or {"size": ..., "centre": ...}')
+    try:
+        ConvexHull(corners)
+    except (QhullError, ValueError) as error:
+        raise part.refuse("hull", "is flat or has fewer than 4 points; it must enclose a volume") from error
+    return corners
+
+
+def _signs() -> Iterable[tuple[int, int, int]]:
+    return [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+
+
+def _check(fields: _Fields, gripper: Gripper) -> None:
+    """What no single field can tell. Raises `InputError`."""
+    innermost = min(float(hull[:, 1].min()) for hull in gripper.finger.hulls)
+    if not -0.001 <= innermost <= 0.001:
+        raise fields.refuse(
+            "finger.parts",
+            f"come to y = {innermost:g} m; the pad must lie at y = 0, the rest at y > 0 (fingers closed)",
+        )
+    if not gripper.palm_height < gripper.tcp_height <= gripper.tip_height:
+        raise fields.refuse(
+            "tcp_height",
+            f"is {gripper.tcp_height:g} m; it must lie between the palm's front ({gripper.palm_height:g} m) "
+            f"and the finger tips ({gripper.tip_height:g} m)",
+        )
+    if gripper.tcp_depth > gripper.tcp_height:
+        raise fields.refuse("tcp_depth", "is greater than tcp_height; the grasp point is behind the flange")

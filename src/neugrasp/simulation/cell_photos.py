@@ -1,0 +1,68 @@
+"""Photos of the empty table of a work cell: rendered once, kept on disk, shared by the cell's scenes."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image as Picture
+
+from neugrasp.data.scene_folder import read_image
+from neugrasp.errors import NeuGraspError
+from neugrasp.simulation.objects import ObjectLibrary
+from neugrasp.simulation.scene import Cell, Scene, camera_to_dict
+
+Photos = NDArray[np.uint8]
+"""(n, s, s, 3)"""
+
+
+class Photographer(Protocol):
+    """What makes photos: `simulation.renderer.Renderer`, or a quick stand-in."""
+
+    def render(
+        self, cell: Cell, scene: Scene | None, library: ObjectLibrary, camera_indices: Sequence[int]
+    ) -> list[NDArray[np.uint8]]:
+        """One photo per camera index of the cell; `scene` None is the empty table."""
+        ...
+
+
+def backgrounds(cell: Cell, folder: Path, photographer: Photographer, library: ObjectLibrary) -> Photos:
+    """The empty table from every camera of the cell: read from `folder`, or rendered into it."""
+    if not folder.is_dir():
+        photos = photographer.render(cell, None, library, range(len(cell.cameras)))
+        try:
+            _write(folder, cell, photos)
+        except OSError as error:
+            raise NeuGraspError(f"{folder}: cannot be written ({error.strerror})") from error
+    files = [folder / f"{index}.png" for index in range(len(cell.cameras))]
+    return np.stack([read_image(file, f"cell {folder.name}") for file in files])
+
+
+def _write(folder: Path, cell: Cell, photos: Sequence[NDArray[np.uint8]]) -> None:
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    temporary = Path(tempfile.mkdtemp(prefix=f".tmp-{folder.name}-", dir=folder.parent))
+    try:
+        temporary.chmod(0o755)
+        for index, photo in enumerate(photos):
+            Picture.fromarray(photo).save(temporary / f"{index}.png")
+        cameras = [camera_to_dict(camera) for camera in cell.cameras]
+        drawn = {"seed": cell.seed, "num_inputs": cell.num_inputs, "light": cell.light, "table": cell.table}
+        (temporary / "cell.json").write_text(json.dumps({**drawn, "cameras": cameras}, indent=1) + "\n")
+        _rename(temporary, folder)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _rename(temporary: Path, folder: Path) -> None:
+    """Another worker may have been first; its photos are the same."""
+    try:
+        temporary.rename(folder)
+    except OSError:
+        if not folder.is_dir():
+            raise

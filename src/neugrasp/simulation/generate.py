@@ -1,0 +1,270 @@
+"""Many records from one seed: in parallel, resumable after a kill at any instant, in any order the same."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import logging
+import multiprocessing
+import os
+import shutil
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass, field
+from multiprocessing.queues import Queue
+from multiprocessing.util import Finalize
+from pathlib import Path
+
+from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.geometry.view_sets import VIEW_SETS
+from neugrasp.gripper import Gripper
+from neugrasp.simulation.cell_photos import Photographer
+from neugrasp.simulation.objects import KINDS, SPLITS, ObjectLibrary
+from neugrasp.simulation.renderer import Renderer
+from neugrasp.simulation.studio import GenerateConfig, Studio
+
+__all__ = ["GenerateConfig", "generate"]
+
+MakePhotographer = Callable[[int], AbstractContextManager[Photographer]]
+"""Number of threads -> a photographer to be used in a with statement."""
+
+logger = logging.getLogger(__name__)
+
+
+def generate(config: GenerateConfig, make_photographer: MakePhotographer = Renderer) -> list[Path]:
+    """Makes the scenes that `config.out` does not hold yet; the folders of all of them, in order.
+
+    Raises `InputError` where the configuration is not valid or the folder holds another data set, and
+    `NeuGraspError` where a scene cannot be made or written.
+    """
+    library = _checked(config)
+    with _only_one(config.out):
+        _describe(config, library)
+        for leftover in [*config.out.glob("*/.tmp-*"), *config.out.glob(".tmp-*")]:
+            shutil.rmtree(leftover, ignore_errors=True)
+        folders = [config.out / "scenes" / config.record_name(index) for index in range(config.num)]
+        missing = [index for index, folder in enumerate(folders) if not folder.is_dir()]
+        progress = _Progress(total=config.num, done=config.num - len(missing))
+        if missing:
+            _make_all(config, missing, make_photographer, progress)
+            progress.write(config.out / "timing.json")
+    return folders
+
+
+def _checked(config: GenerateConfig) -> ObjectLibrary:
+    for value, allowed, what in (
+        (config.scene, KINDS, "--scene"),
+        (config.split, SPLITS, "--split"),
+        (config.views, tuple(VIEW_SETS), "--views"),
+    ):
+        if value not in allowed:
+            raise InputError(f"{what} {value!r}; choose one of {', '.join(allowed)}")
+    for number, what in (
+        (config.num, "--num"),
+        (config.scenes_per_cell, "--scenes-per-cell"),
+        (config.grasp_points, "--grasp-points"),
+        (config.workers if config.workers is not None else 1, "--workers"),
+    ):
+        if number < 1:
+            raise InputError(f"{what} {number}; it must be at least 1")
+    if config.seed < 0:
+        raise InputError(f"--seed {config.seed}; it must be at least 0")
+    Gripper.load(config.gripper)
+    library = ObjectLibrary.open(config.sets, config.objects)
+    library.choices(config.split, config.scene)
+    return library
+
+
+def _describe(config: GenerateConfig, library: ObjectLibrary) -> None:
+    """Writes dataset.json, or checks that the one that is there says the same."""
+    names = json.dumps(library.choices(config.split, config.scene))
+    description = {
+        "format": "neugrasp-dataset",
+        "version": 1,
+        "scene": config.scene,
+        "object_sets": list(config.sets),
+        "objects_sha256": hashlib.sha256(names.encode()).hexdigest(),
+        "materials": config.materials,
+        "views": config.views,
+        "split": config.split,
+        "gripper": config.gripper,
+        "grasp_points": config.grasp_points,
+        "scenes_per_cell": config.scenes_per_cell,
+        "image_size": config.image_size,
+        "seed": config.seed,
+    }
+    path = config.out / "dataset.json"
+    if not path.exists():
+        temporary = path.with_name(".dataset.json.tmp")
+        temporary.write_text(json.dumps(description, indent=1) + "\n")
+        temporary.replace(path)
+        return
+    try:
+        found = json.loads(path.read_text())
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path}: not valid JSON ({error}); choose another --out") from error
+    for key, value in description.items():
+        if found.get(key) != value:
+            raise InputError(
+                f"{path}: this data set was made with {key} = {found.get(key)!r}, not {value!r}; "
+                "give the same options to go on with it, or another --out"
+            )
+
+
+@contextmanager
+def _only_one(out: Path) -> Iterator[None]:
+    """Holds `out` for this process. Waits for workers that outlive a killed run by a moment."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with (out / ".lock").open("w") as main, (out / ".lock-workers").open("w") as workers:
+            try:
+                fcntl.flock(main, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                raise InputError(f"{out}: another neugrasp generate is writing here; wait for it") from error
+            fcntl.flock(workers, fcntl.LOCK_EX)
+            fcntl.flock(workers, fcntl.LOCK_UN)
+            yield
+    except OSError as error:
+        raise NeuGraspError(f"{out}: cannot be written ({error.strerror})") from error
+
+
+@dataclass
+class _Progress:
+    """What is done and how fast."""
+
+    total: int
+    done: int
+    made: int = 0
+    start: float = field(default_factory=time.monotonic)
+    seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
+
+    def add(self, seconds: dict[str, float]) -> None:
+        """Counts a scene that took `seconds` by stage."""
+        self.done, self.made = self.done + 1, self.made + 1
+        for stage, spent in seconds.items():
+            self.seconds[stage] += spent
+        rate = self.made / (time.monotonic() - self.start)
+        left = (self.total - self.done) / rate / 60
+        logger.info("%d of %d scenes, %.0f an hour, %.0f min left", self.done, self.total, rate * 3600, left)
+
+    def write(self, path: Path) -> None:
+        """The time by stage, summed over workers, of the scenes made in this run."""
+        wall = time.monotonic() - self.start
+        per_scene = {stage: round(spent / self.made, 3) for stage, spent in self.seconds.items()}
+        rate = round(3600 * self.made / wall, 1)
+        data = {"scenes": self.made, "wall_s": round(wall, 1), "scenes_per_hour": rate}
+        path.write_text(json.dumps({**data, "seconds_per_scene": per_scene}, indent=1) + "\n")
+
+
+def _make_all(
+    config: GenerateConfig, missing: list[int], make_photographer: MakePhotographer, progress: _Progress
+) -> None:
+    num_cores = len(os.sched_getaffinity(0))
+    workers = min(config.workers or num_cores, len(missing))
+    threads = max(1, num_cores // workers)
+    if workers == 1:
+        with make_photographer(threads) as photographer:
+            studio = Studio(config, photographer)
+            with studio.world:
+                for index in missing:
+                    progress.add(_make(studio, index))
+        return
+    context = multiprocessing.get_context("spawn")
+    finished: Queue[dict[str, float]] = context.Queue()
+    arguments = (config, make_photographer, threads, finished, os.getpid())
+    pool = ProcessPoolExecutor(workers, context, _start_worker, arguments)
+    try:
+        running = {pool.submit(_make_chunk, chunk) for chunk in _chunks(config, missing, workers)}
+        _watch(running, finished, progress)
+    except BrokenProcessPool as error:
+        raise NeuGraspError("a worker was killed (out of memory?); run the command again to go on") from error
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _make(studio: Studio, index: int) -> dict[str, float]:
+    """Makes a scene; the seconds it took by stage."""
+    before = dict(studio.seconds)
+    studio.make(index)
+    return {stage: spent - before.get(stage, 0.0) for stage, spent in studio.seconds.items()}
+
+
+def _chunks(config: GenerateConfig, missing: list[int], workers: int) -> list[list[int]]:
+    """Scenes of one cell go to one worker, so that its backgrounds are rendered once, if enough are left."""
+    cells: dict[int, list[int]] = defaultdict(list)
+    for index in missing:
+        cells[index // config.scenes_per_cell].append(index)
+    size = max(1, min(config.scenes_per_cell, -(-len(missing) // workers)))
+    return [indices[i : i + size] for indices in cells.values() for i in range(0, len(indices), size)]
+
+
+def _watch(
+    running: set[Future[None]], finished: Queue[dict[str, float]], progress: _Progress, every_s: float = 1.0
+) -> None:
+    """Reports until all is done; passes on the first error."""
+    while running:
+        done, running = wait(running, timeout=every_s)
+        while not finished.empty():
+            progress.add(finished.get())
+        for future in done:
+            future.result()
+    while progress.done < progress.total:
+        progress.add(finished.get(timeout=10))
+
+
+@dataclass
+class _Worker:
+    """What a worker process keeps between scenes."""
+
+    config: GenerateConfig
+    make_photographer: MakePhotographer
+    threads: int
+    finished: Queue[dict[str, float]]
+    closing: ExitStack = field(default_factory=ExitStack)
+    studio: Studio | None = None
+
+
+_worker: list[_Worker] = []
+
+
+def _start_worker(
+    config: GenerateConfig,
+    make_photographer: MakePhotographer,
+    threads: int,
+    finished: Queue[dict[str, float]],
+    parent: int,
+) -> None:
+    worker = _Worker(config, make_photographer, threads, finished)
+    lock = worker.closing.enter_context((config.out / ".lock-workers").open("w"))
+    fcntl.flock(lock, fcntl.LOCK_SH)
+    threading.Thread(target=_die_with, args=(parent,), daemon=True).start()
+    Finalize(None, worker.closing.close, exitpriority=10)
+    _worker.append(worker)
+
+
+def _die_with(parent: int) -> None:
+    """Ends this process soon after its parent has gone."""
+    while os.getppid() == parent:
+        time.sleep(0.3)
+    os._exit(1)
+
+
+def _make_chunk(indices: list[int]) -> None:
+    worker = _worker[0]
+    try:
+        if worker.studio is None:
+            photographer = worker.closing.enter_context(worker.make_photographer(worker.threads))
+            worker.studio = Studio(worker.config, photographer)
+            worker.closing.enter_context(worker.studio.world)
+        for index in indices:
+            worker.finished.put(_make(worker.studio, index))
+    except NeuGraspError as error:
+        # Some of our errors do not survive the way to the parent; their text does.
+        kind = InputError if isinstance(error, InputError) else NeuGraspError
+        raise kind(str(error)) from None

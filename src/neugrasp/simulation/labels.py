@@ -1,0 +1,138 @@
+"""The labels of a scene: grasps tried at points of its visible surface (method.md D4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neugrasp.geometry.pose import Array, rigid, rotation_about, to_quaternion
+from neugrasp.grasp import Grasp
+from neugrasp.simulation.hand import APPROACH_STEPS
+from neugrasp.simulation.physics import World
+from neugrasp.simulation.surface import SurfacePoints, visible_surface
+from neugrasp.simulation.trials import REASONS, Trial, foreseen, lift
+
+BORDER = 0.02
+"""Metres from the sides and the top of the workspace within which nothing is tried."""
+TABLE_CLEARANCE = 0.005
+"""Surface lower than this above the table, in metres, is left out."""
+MIN_NORMAL_Z = -0.1
+"""Surface that looks further down than this is left out."""
+DEPTH_SLACK = 0.1
+"""Share of the finger's depth by which a grasp point may lie behind the surface or beyond the tips' reach."""
+
+
+@dataclass(frozen=True)
+class GraspLabels:
+    """Grasp points of a scene, and whether any yaw succeeds there."""
+
+    points: NDArray[np.float32]
+    """(n, 3) grasp points, workspace frame, metres. The TCP lies `tcp_depth` further along the approach."""
+    quaternion_xyzw: NDArray[np.float32]
+    """(n, 4) orientation: the middle of the widest run of successful yaws; the first yaw where none is."""
+    width: NDArray[np.float32]
+    """(n,) opening with the object in hand, metres; the largest opening where no yaw succeeds. About 4 mm
+    more than the object's own width: the engine keeps 1 mm around each of the four surfaces that meet."""
+    success: NDArray[np.bool_]
+    """(n,)"""
+    reasons: tuple[tuple[str, int], ...]
+    """How many trials ended for which reason; all points and yaws counted."""
+
+
+def label(
+    world: World,
+    rng: np.random.Generator,
+    num_points: int = 120,
+    num_yaws: int = 6,
+    rule: str = "paper",
+) -> GraspLabels:
+    """Tries `num_yaws` grasps at each of `num_points` points; the world is afterwards as it was before.
+
+    The yaws are k pi / num_yaws: all distinct, since a turn by pi gives the same grasp (the reference's
+    six from 0 to pi inclusive are five). Fewer points come back, or none, where too little can be seen.
+    """
+    points, rotations = _candidates(world, rng, num_points)
+    yaws = [rotation_about((0, 0, 1), np.pi * k / num_yaws) for k in range(num_yaws)]
+    counts = dict.fromkeys(REASONS, 0)
+    quaternions, widths, successes = [], [], []
+    world.hand()
+    before = world.save()
+    world.step(APPROACH_STEPS)
+    arrived = world.save()
+    for point, rotation in zip(points, rotations, strict=True):
+        poses = [rigid(rotation @ yaw, point) for yaw in yaws]
+        trials = [_trial(world, arrived, pose, rule) for pose in poses]
+        for trial in trials:
+            counts[trial.reason] += 1
+        best = middle_of_widest_run([trial.success for trial in trials])
+        chosen = 0 if best is None else best
+        quaternions.append(to_quaternion(poses[chosen]))
+        widths.append(trials[chosen].width)
+        successes.append(best is not None)
+    world.restore(before)
+    world.forget(before)
+    world.forget(arrived)
+    return GraspLabels(
+        np.array(points, dtype=np.float32).reshape(-1, 3),
+        np.array(quaternions, dtype=np.float32).reshape(-1, 4),
+        np.array(widths, dtype=np.float32),
+        np.array(successes, dtype=np.bool_),
+        tuple(counts.items()),
+    )
+
+
+def _trial(world: World, arrived: int, pose: Array, rule: str) -> Trial:
+    """As `execute` from a scene at rest, without the physics of the approach: see `foreseen`."""
+    grasp = Grasp(pose, world.gripper.max_opening).advanced(world.gripper.tcp_depth)
+    reason = foreseen(world, grasp)
+    if reason is not None:
+        return Trial(False, reason, world.gripper.max_opening)
+    world.restore(arrived)
+    world.hand().arrive(grasp.pose, world.approach)
+    trial = lift(world, grasp, rule)
+    world.restore(arrived)
+    return trial
+
+
+def middle_of_widest_run(successes: list[bool]) -> int | None:
+    """Index of the middle of the longest run of True on the circle of yaws; None where there is none."""
+    count = len(successes)
+    if all(successes):
+        return (count - 1) // 2
+    best, best_length = None, 0
+    for start in range(count):
+        if successes[start] and not successes[start - 1]:
+            length = next(k for k in range(count) if not successes[(start + k) % count])
+            if length > best_length:
+                best, best_length = (start + (length - 1) // 2) % count, length
+    return best
+
+
+def _candidates(world: World, rng: np.random.Generator, num_points: int) -> tuple[Array, Array]:
+    """Grasp points (n, 3) and rotations (n, 3, 3) that look along the inward normal."""
+    surface = _graspable(world, visible_surface(world, rng, 50 * num_points))
+    depth = world.gripper.finger_depth
+    offsets = rng.uniform(-DEPTH_SLACK * depth, (1 + DEPTH_SLACK) * depth, size=len(surface.points))
+    points = surface.points + offsets[:, None] * surface.normals
+    inside = np.all((points >= BORDER) & (points <= world.workspace.size - BORDER), axis=1)
+    points, normals = points[inside][:num_points], surface.normals[inside][:num_points]
+    return points, np.array([facing(-normal) for normal in normals]).reshape(-1, 3, 3)
+
+
+def _graspable(world: World, surface: SurfacePoints) -> SurfacePoints:
+    """The part of a surface on which grasps are tried."""
+    points, normals = surface.points, surface.normals
+    high = points[:, 2] >= world.workspace.table_height + TABLE_CLEARANCE
+    inside = np.all((points[:, :2] >= BORDER) & (points[:, :2] <= world.workspace.size - BORDER), axis=1)
+    chosen = high & inside & (normals[:, 2] > MIN_NORMAL_Z)
+    return SurfacePoints(points[chosen], normals[chosen])
+
+
+def facing(approach: Array) -> Array:
+    """A rotation whose z axis is `approach` and whose x axis lies as close as can be to the world's x."""
+    x = np.array([1.0, 0.0, 0.0]) if abs(approach[0]) < 1 - 1e-4 else np.array([0.0, 1.0, 0.0])
+    y = np.cross(approach, x)
+    y /= np.linalg.norm(y)
+    return np.stack([np.cross(y, approach), y, approach], axis=1)

@@ -1,0 +1,194 @@
+"""Where a record is made: a physics world, a photographer and a gripper, kept from scene to scene."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from neugrasp.data.labels import Labels
+from neugrasp.data.records import Record, write_record
+from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.gripper import Gripper
+from neugrasp.simulation.arrange import arrange
+from neugrasp.simulation.cell import sample_cell
+from neugrasp.simulation.cell_photos import Photographer, backgrounds
+from neugrasp.simulation.labels import label
+from neugrasp.simulation.materials import sample_materials
+from neugrasp.simulation.objects import KINDS, ObjectLibrary
+from neugrasp.simulation.physics import World
+from neugrasp.simulation.scene import Cell, Scene
+from neugrasp.simulation.truth import scan
+
+TARGETS_PER_CELL = 4
+TARGETS_PER_SCENE = 2
+MAX_ATTEMPTS = 20
+"""Arrangements tried before a scene is given up; each has its own seed."""
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GenerateConfig:
+    """What to generate. The same values give the same records, whatever the number of workers."""
+
+    scene: str
+    """ "packed", "pile" or "single"."""
+    num: int
+    """Number of scenes."""
+    out: Path
+    objects: Path | None = None
+    """A folder of URDF files, used as the object set "folder"."""
+    object_sets: tuple[str, ...] = ()
+    """Of "folder", "pybullet" and "glassware"; by default the folder, or without one the other two."""
+    materials: str = "mixed"
+    views: str = "training"
+    split: str = "train"
+    """ "train" or "test": objects, panoramas and textures of the two never mix."""
+    gripper: str = "panda"
+    grasp_points: int = 120
+    """Points of a scene at which grasps are executed."""
+    scenes_per_cell: int = 8
+    image_size: int = 256
+    seed: int = 0
+    workers: int | None = None
+    """Processes; by default one per core."""
+
+    @property
+    def sets(self) -> tuple[str, ...]:
+        """The object sets that are opened."""
+        if self.object_sets:
+            return self.object_sets
+        return ("folder",) if self.objects is not None else ("pybullet", "glassware")
+
+    def record_name(self, index: int) -> str:
+        """Folder name of scene `index`."""
+        return f"{self.scene}-{self.seed}-{index:06d}"
+
+
+@dataclass
+class Studio:
+    """Makes one scene after another; which came before makes no difference."""
+
+    config: GenerateConfig
+    photographer: Photographer
+    workspace: Workspace = field(default_factory=Workspace)
+    seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
+    """Wall time spent so far, by stage."""
+
+    def __post_init__(self) -> None:
+        config = self.config
+        self.library = ObjectLibrary.open(config.sets, config.objects)
+        self.choices = self.library.choices(config.split, config.scene)
+        self.world = World(self.workspace, self.library, Gripper.load(config.gripper))
+
+    def make(self, index: int) -> Path:
+        """Makes and writes scene `index`; the folder of its record."""
+        config = self.config
+        cell_index = index // config.scenes_per_cell
+        cell = self._cell(cell_index)
+        with self._timed("arrange"):
+            scene = self._arranged(index)
+            # From the stored poses, so that whoever rebuilds the scene finds the world that was labelled.
+            self.world.reset(scene)
+        with self._timed("backgrounds"):
+            folder = config.out / "cells" / f"{cell_index:06d}"
+            empty = backgrounds(cell, folder, self.photographer, self.library)
+        record = self._record(index, cell_index, cell, scene, empty)
+        with self._timed("write"):
+            folder = config.out / "scenes" / record.name
+            write_record(folder, record)
+        return folder
+
+    def _record(self, index: int, cell_index: int, cell: Cell, scene: Scene, empty: np.ndarray) -> Record:
+        config, inputs = self.config, list(range(cell.num_inputs))
+        rng = self._rng("targets", index)
+        others = range(cell.num_inputs, len(cell.cameras))
+        targets = sorted(rng.choice(others, TARGETS_PER_SCENE, replace=False).tolist())
+        cameras = tuple(cell.cameras[i] for i in inputs)
+        with self._timed("depth"):
+            seen = [self.world.depth_and_mask(camera) for camera in cameras]
+        with self._timed("tsdf"):
+            tsdf = scan(self.world, self.workspace)
+        with self._timed("grasps"):
+            labels = self._labels(index)
+        with self._timed("render"):
+            photos = np.stack(self.photographer.render(cell, scene, self.library, inputs + targets))
+        drawn = {"light": cell.light, "table": cell.table, "views": config.views, "split": config.split}
+        return Record(
+            name=config.record_name(index),
+            scene=scene,
+            cell={"index": cell_index, "seed": cell.seed, **drawn, "targets": targets},
+            images=photos[: len(inputs)],
+            backgrounds=empty[inputs],
+            cameras=cameras,
+            targets=photos[len(inputs) :],
+            target_backgrounds=empty[targets],
+            target_cameras=tuple(cell.cameras[i] for i in targets),
+            depths=np.stack([depth for depth, _ in seen]).astype(np.float32),
+            masks=np.stack([mask for _, mask in seen]).astype(np.int8),
+            tsdf=tsdf.values,
+            observed=tsdf.observed,
+            labels=labels,
+        )
+
+    def _labels(self, index: int) -> Labels:
+        grasps = label(self.world, self._rng("grasps", index), num_points=self.config.grasp_points)
+        return Labels(
+            np.asarray(grasps.points, dtype=np.float32),
+            np.asarray(grasps.quaternion_xyzw, dtype=np.float32),
+            np.asarray(grasps.width, dtype=np.float32),
+            np.asarray(grasps.success, dtype=bool),
+        )
+
+    def _cell(self, cell_index: int) -> Cell:
+        config = self.config
+        return sample_cell(
+            self.workspace,
+            config.views,
+            self._seed("cell", cell_index),
+            config.split,
+            size=config.image_size,
+            num_targets=TARGETS_PER_CELL,
+        )
+
+    def _arranged(self, index: int) -> Scene:
+        """The settled scene, which also stands in `world`. An arrangement that fails is drawn anew."""
+        reason = "nothing stayed on the table"
+        for attempt in range(MAX_ATTEMPTS):
+            seed = self._seed("scene", index, attempt)
+            try:
+                scene = arrange(self.config.scene, seed, self.world, self.choices)
+            except InputError:
+                raise
+            except NeuGraspError as error:
+                reason, scene = str(error), None
+            if scene is not None and scene.bodies:
+                return sample_materials(scene, self.config.materials, self._rng("materials", index))
+            logger.warning("scene %d, attempt %d: %s; drawn anew", index, attempt, reason)
+        raise NeuGraspError(f"scene {index}: no arrangement in {MAX_ATTEMPTS} attempts ({reason})")
+
+    def _seed(self, stage: str, *numbers: int) -> int:
+        return int(self._sequence(stage, *numbers).generate_state(1)[0])
+
+    def _rng(self, stage: str, *numbers: int) -> np.random.Generator:
+        return np.random.default_rng(self._sequence(stage, *numbers))
+
+    def _sequence(self, stage: str, *numbers: int) -> np.random.SeedSequence:
+        """Independent streams by kind of scene, stage and index."""
+        stages = ("cell", "scene", "materials", "targets", "grasps")
+        key = (KINDS.index(self.config.scene), stages.index(stage), *numbers)
+        return np.random.SeedSequence([self.config.seed, *key])
+
+    @contextmanager
+    def _timed(self, stage: str) -> Iterator[None]:
+        start = time.perf_counter()
+        yield
+        self.seconds[stage] += time.perf_counter() - start

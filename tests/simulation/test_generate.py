@@ -1,0 +1,219 @@
+"""Generation: the same records whatever the workers, the order and the accidents on the way."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from neugrasp.data.records import read_record
+from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.simulation import generate as generation
+from neugrasp.simulation.generate import GenerateConfig, generate
+from neugrasp.simulation.physics import World
+from neugrasp.simulation.studio import Studio
+
+HERE = Path(__file__).parent
+UNRECORDED = (".lock", ".lock-workers", "timing.json")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _cache(tmp_path_factory: pytest.TempPathFactory) -> object:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NEUGRASP_CACHE", str(tmp_path_factory.mktemp("cache")))
+        # Worker processes import the photographer by name.
+        patch.syspath_prepend(str(HERE))
+        yield
+
+
+@pytest.fixture(scope="module")
+def photographers(_cache: object) -> ModuleType:
+    return importlib.import_module("noise_photographer")
+
+
+def small(out: Path, **changes: object) -> GenerateConfig:
+    config = GenerateConfig(
+        scene="packed",
+        num=3,
+        out=out,
+        object_sets=("glassware",),
+        grasp_points=2,
+        scenes_per_cell=2,
+        image_size=32,
+        seed=4,
+        workers=1,
+    )
+    return replace(config, **changes)  # type: ignore[arg-type]
+
+
+def digest(out: Path) -> dict[str, str]:
+    """Hash of every file that belongs to the data set."""
+    files = [path for path in sorted(out.rglob("*")) if path.is_file() and path.name not in UNRECORDED]
+    return {str(p.relative_to(out)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory, photographers: ModuleType) -> Path:
+    """A data set made by one worker in one go."""
+    out = tmp_path_factory.mktemp("undisturbed")
+    generate(small(out), photographers.NoisePhotographer)
+    return out
+
+
+def test_records_hold_what_was_simulated(undisturbed: Path) -> None:
+    records = [read_record(folder) for folder in sorted((undisturbed / "scenes").iterdir())]
+    assert [record.name for record in records] == [f"packed-4-{index:06d}" for index in range(3)]
+    assert len({record.seed for record in records}) == 3
+    for record in records:
+        assert record.kind == "packed"
+        assert record.images.shape == (4, 32, 32, 3)
+        assert record.targets.shape == (2, 32, 32, 3)
+        assert len(record.labels.success) == 2
+        assert record.scene.bodies
+        assert all(body.object_set == "glassware" for body in record.scene.bodies)
+        seen = set(np.unique(record.masks)) - {-1, 0}
+        assert seen <= set(range(1, len(record.scene.bodies) + 1))
+        # The table plane, 5 cm above the floor of the cube, is the surface in most columns.
+        table = record.tsdf[:, :, 6]
+        assert np.abs(np.median(table)) < 0.3
+    assert np.array_equal(records[0].backgrounds, records[1].backgrounds)
+    assert not np.array_equal(records[1].backgrounds, records[2].backgrounds)
+
+
+def test_two_workers_give_the_same_bytes(
+    undisturbed: Path, tmp_path: Path, photographers: ModuleType
+) -> None:
+    generate(small(tmp_path, workers=2), photographers.NoisePhotographer)
+    assert digest(tmp_path) == digest(undisturbed)
+
+
+def test_the_order_of_scenes_makes_no_difference(
+    undisturbed: Path, tmp_path: Path, photographers: ModuleType
+) -> None:
+    studio = Studio(small(tmp_path), photographers.NoisePhotographer(1))
+    with studio.world:
+        folders = [studio.make(index) for index in (2, 0)]
+    expected = digest(undisturbed)
+    for folder in folders:
+        made = digest(folder)
+        assert made == {name: expected[f"scenes/{folder.name}/{name}"] for name in made}
+
+
+def test_a_longer_run_begins_with_the_shorter_one(
+    undisturbed: Path, tmp_path: Path, photographers: ModuleType
+) -> None:
+    generate(small(tmp_path, num=1), photographers.NoisePhotographer)
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "scenes").rglob("*")}
+    generate(small(tmp_path), photographers.NoisePhotographer)
+    assert digest(tmp_path) == digest(undisturbed)
+    assert all(path.stat().st_mtime_ns == mtime for path, mtime in before.items())
+
+
+SCRIPT = """
+    import sys
+    from pathlib import Path
+    sys.path.insert(0, {here!r})
+    from noise_photographer import SlowPhotographer
+    from neugrasp.simulation.generate import GenerateConfig, generate
+    if __name__ == "__main__":
+        generate({config!r}, SlowPhotographer)
+"""
+
+
+@pytest.mark.parametrize("kills", [3, pytest.param(20, marks=pytest.mark.slow)])
+def test_killed_at_any_moment_it_goes_on_to_the_same_bytes(
+    kills: int, undisturbed: Path, tmp_path: Path, photographers: ModuleType
+) -> None:
+    out = tmp_path / "out"
+    script = tmp_path / "run.py"
+    config = repr(small(out, workers=2)).replace("PosixPath", "Path")
+    script.write_text(
+        textwrap.dedent(SCRIPT).replace("{config!r}", config).replace("{here!r}", repr(str(HERE)))
+    )
+    rng = np.random.default_rng(0)
+    for _ in range(kills):
+        process = subprocess.Popen([sys.executable, script], start_new_session=True)
+        time.sleep(rng.uniform(0.3, 2.5))
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+        for folder in (out / "scenes").glob("[!.]*"):
+            read_record(folder)
+    generate(small(out), photographers.NoisePhotographer)
+    assert digest(out) == digest(undisturbed)
+
+
+def test_another_configuration_is_refused(undisturbed: Path, photographers: ModuleType) -> None:
+    before = digest(undisturbed)
+    with pytest.raises(InputError, match=r"dataset.json.*seed = 4, not 5"):
+        generate(small(undisturbed, seed=5), photographers.NoisePhotographer)
+    with pytest.raises(InputError, match="materials = 'mixed', not 'diffuse'"):
+        generate(small(undisturbed, materials="diffuse"), photographers.NoisePhotographer)
+    assert digest(undisturbed) == before
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"scene": "heap"}, "choose one of single, pile, packed"),
+        ({"num": 0}, "--num 0; it must be at least 1"),
+        ({"views": "orbit"}, "--views 'orbit'"),
+        ({"gripper": "hook"}, "hook"),
+        ({"seed": -1}, "--seed -1"),
+    ],
+)
+def test_options_that_cannot_be_used(
+    changes: dict[str, object], message: str, tmp_path: Path, photographers: ModuleType
+) -> None:
+    with pytest.raises(InputError, match=message):
+        generate(small(tmp_path / "out", **changes), photographers.NoisePhotographer)
+    assert not (tmp_path / "out").exists()
+
+
+def test_two_runs_do_not_write_into_one_folder(tmp_path: Path, photographers: ModuleType) -> None:
+    with generation._only_one(tmp_path), pytest.raises(InputError, match="another neugrasp generate"):
+        generate(small(tmp_path), photographers.NoisePhotographer)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_full_disk_is_one_clear_error_and_leaves_nothing_half_written(
+    workers: int, tmp_path: Path, photographers: ModuleType
+) -> None:
+    with pytest.raises(NeuGraspError, match="No space left on device"):
+        generate(small(tmp_path, workers=workers), photographers.FullDisk)
+    assert not list((tmp_path / "scenes").glob("*"))
+
+
+def test_an_arrangement_that_fails_is_drawn_anew_and_never_dropped(
+    tmp_path: Path, photographers: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from neugrasp.simulation import studio as module
+
+    real, tried = module.arrange, []
+
+    def stubborn(kind: str, seed: int, world: World, choices: object) -> object:
+        tried.append(seed)
+        scene = real(kind, seed, world, choices)  # type: ignore[arg-type]
+        return replace(scene, bodies=()) if len(tried) < 3 else scene
+
+    monkeypatch.setattr(module, "arrange", stubborn)
+    (folder,) = generate(small(tmp_path, num=1), photographers.NoisePhotographer)
+    assert len(set(tried)) == 3
+    assert read_record(folder).seed == tried[-1]
+
+
+def test_timing_is_told_by_stage(undisturbed: Path) -> None:
+    timing = json.loads((undisturbed / "timing.json").read_text())
+    assert timing["scenes"] == 3
+    assert {"arrange", "depth", "tsdf", "grasps", "render", "write"} <= set(timing["seconds_per_scene"])

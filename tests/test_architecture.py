@@ -1,0 +1,140 @@
+"""The rules of docs/architecture.md that a machine can check."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parent.parent / "src" / "neugrasp"
+FILES = sorted(PACKAGE.rglob("*.py"))
+LONGEST = 300
+TABLES = {"simulation/blender_materials.py", "simulation/materials.py"}
+"""Tables of materials may be longer."""
+
+LAYERS = [
+    {"errors"},
+    {"geometry"},
+    {"views", "grasp", "gripper"},
+    {"metrics", "pictures"},
+    {"model", "simulation", "data"},
+    {"detection", "training", "baselines"},
+    {"evaluation", "export"},
+    {"demo"},
+    {"cli"},
+]
+"""Every part may import from the layers above its own, and from itself."""
+NEIGHBOURS = {
+    ("gripper", "grasp"),
+    ("simulation", "data"),
+    ("training", "detection"),
+    ("baselines", "detection"),
+}
+"""(importer, imported) pairs within one layer. Simulation and learning meet in `data` only."""
+PLAIN_SCENE = "neugrasp.simulation.scene"
+"""What `data` may know of the simulation: scenes as plain data."""
+
+
+def part_of(file: Path) -> str:
+    """The top-level part of the package that a file belongs to."""
+    return file.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def imports(file: Path) -> Iterator[str]:
+    """Full names of all modules that a file imports, wherever in it and also by `require`."""
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+        elif isinstance(node, ast.Call) and getattr(node.func, "id", None) == "require":
+            yield from (argument.value for argument in node.args[:1] if isinstance(argument, ast.Constant))
+
+
+def level(part: str) -> int:
+    levels = [i for i, layer in enumerate(LAYERS) if part in layer]
+    assert levels, f"{part} has no place in LAYERS"
+    return levels[0]
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))
+def test_imports_go_downwards(file: Path):
+    if file == PACKAGE / "__init__.py":
+        return
+    part = part_of(file)
+    for module in imports(file):
+        if not module.startswith("neugrasp."):
+            continue
+        other = module.split(".")[1]
+        if other == part or (module == PLAIN_SCENE and part == "data"):
+            continue
+        allowed = level(other) < level(part) or (part, other) in NEIGHBOURS
+        assert allowed, f"{file.name} imports {module}"
+
+
+def test_plain_scenes_know_geometry_only():
+    known = {module for module in imports(PACKAGE / "simulation/scene.py") if module.startswith("neugrasp.")}
+    assert {module.split(".")[1] for module in known} <= {"errors", "geometry"}
+
+
+@pytest.mark.parametrize(
+    ("module", "home"),
+    [
+        ("pybullet", "simulation/physics.py"),
+        ("bpy", "simulation/blender.py"),
+        ("tyro", "cli.py"),
+    ],
+)
+def test_heavy_modules_have_one_home(module: str, home: str):
+    users = {
+        str(file.relative_to(PACKAGE))
+        for file in FILES
+        for name in imports(file)
+        if name == module or name.startswith(module + ".")
+    }
+    assert users <= {home}
+
+
+def test_images_and_volumes_are_sampled_in_one_file():
+    users = {str(file.relative_to(PACKAGE)) for file in FILES if "grid_sample(" in file.read_text()}
+    assert users == {"geometry/sampling.py"}
+
+
+def test_only_the_program_prints():
+    for file in FILES:
+        calls = [node for node in ast.walk(ast.parse(file.read_text())) if isinstance(node, ast.Call)]
+        if file.name != "cli.py":
+            assert not any(getattr(call.func, "id", None) == "print" for call in calls), file
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))
+def test_files_can_be_read_in_one_sitting(file: Path):
+    name = str(file.relative_to(PACKAGE))
+    assert name in TABLES or len(file.read_text().splitlines()) <= LONGEST
+
+
+HEAVY = {"pybullet", "pybullet_data", "bpy", "trimesh", "matplotlib", "tensorboard", "tyro"}
+
+
+@pytest.mark.parametrize(
+    ("module", "absent"),
+    [
+        ("neugrasp", HEAVY),
+        ("neugrasp.export", HEAVY),
+        ("neugrasp.training.trainer", HEAVY - {"tensorboard"}),
+        ("neugrasp.data.records", {*HEAVY, "torch"}),
+        ("neugrasp.simulation.generate", {"torch", "bpy", "matplotlib"}),
+    ],
+)
+def test_importing_loads_nothing_heavy(module: str, absent: set[str]):
+    code = (
+        f"import sys, {module}\n"
+        f"loaded = {absent!r} & set(sys.modules)\n"
+        f"sys.exit('{module} loads ' + ', '.join(sorted(loaded)) if loaded else 0)"
+    )
+    result = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr

@@ -1,0 +1,189 @@
+"""The program: what it prints, what it leaves behind, and how it ends."""
+
+from __future__ import annotations
+
+import json
+import resource
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from neugrasp import cli
+from neugrasp.detection.detector import Detection, NeuGraspDetector
+from neugrasp.errors import InputError
+from neugrasp.geometry.pose import rigid
+from neugrasp.grasp import Grasp
+from neugrasp.gripper import Gripper
+from neugrasp.views import Views
+
+DOWN = np.diag([1.0, -1.0, -1.0])
+
+
+class FlatTable:
+    """A detector that sees an empty table and two grasps, or none."""
+
+    def __init__(self, count: int = 2):
+        self.gripper = Gripper.load("panda")
+        self.count = count
+
+    def detect(self, views: Views) -> Detection:
+        height = views.workspace.voxel_centres()[..., 2] - views.workspace.table_height
+        tsdf = (height / views.workspace.truncation).clip(-1, 1).astype(np.float32)
+        grasps = tuple(
+            Grasp(rigid(DOWN, (0.15, 0.15, 0.06)), 0.04, 0.95 - 0.01 * i) for i in range(self.count)
+        )
+        return Detection(grasps, tsdf, {"too_narrow": 7}, 0.5, {"images": 0.1, "selection": 0.02})
+
+
+@pytest.fixture
+def flat_table(monkeypatch: pytest.MonkeyPatch) -> FlatTable:
+    detector = FlatTable()
+    monkeypatch.setattr(NeuGraspDetector, "load", classmethod(lambda *_: detector))
+    return detector
+
+
+def test_predict_writes_its_four_files_and_says_where(
+    scene_folder: Path, tmp_path: Path, flat_table: FlatTable, capsys: pytest.CaptureFixture[str]
+):
+    out = tmp_path / "out"
+    assert cli.main(["predict", str(scene_folder), "--out", str(out)]) == 0
+    assert sorted(file.name for file in out.iterdir()) == [
+        "grasps.json",
+        "overlay.png",
+        "surface.ply",
+        "tsdf.npz",
+    ]
+    assert [grasp["score"] for grasp in json.loads((out / "grasps.json").read_text())["grasps"]] == [
+        0.95,
+        0.94,
+    ]
+    printed = capsys.readouterr().out
+    assert "2 grasps, the best with score 0.95" in printed
+    assert str(out / "overlay.png") in printed
+
+
+def test_predict_says_why_there_are_no_grasps(
+    scene_folder: Path, tmp_path: Path, flat_table: FlatTable, capsys: pytest.CaptureFixture[str]
+):
+    flat_table.count = 0
+    assert cli.main(["predict", str(scene_folder), "--out", str(tmp_path / "out")]) == 0
+    assert "no grasps; best quality 0.50; voxels rejected: 7 too_narrow" in capsys.readouterr().out
+
+
+def test_a_mistake_of_the_user_ends_with_2_and_one_line(
+    tmp_path: Path, flat_table: FlatTable, capsys: pytest.CaptureFixture[str]
+):
+    assert cli.main(["predict", str(tmp_path / "nothing"), "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("neugrasp: error: ")
+    assert "nothing/scene.json: missing" in error
+    assert "Traceback" not in error
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture
+def full_disk() -> Iterator[None]:
+    """No file of this process may grow beyond 20 kB."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, limits[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    signal.signal(signal.SIGXFSZ, handler)
+
+
+def test_a_full_disk_leaves_nothing_half_written(
+    scene_folder: Path,
+    tmp_path: Path,
+    flat_table: FlatTable,
+    full_disk: None,
+    capsys: pytest.CaptureFixture[str],
+):
+    out = tmp_path / "out"
+    assert cli.main(["predict", str(scene_folder), "--out", str(out)]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("neugrasp: error: ")
+    assert "Traceback" not in error
+    assert not out.exists()
+
+
+def test_out_may_not_be_a_file(
+    scene_folder: Path, tmp_path: Path, flat_table: FlatTable, capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / "out").write_text("mine")
+    assert cli.main(["predict", str(scene_folder), "--out", str(tmp_path / "out")]) == 2
+    assert (tmp_path / "out").read_text() == "mine"
+    assert "out" in capsys.readouterr().err
+
+
+def test_an_interruption_ends_with_130(
+    scene_folder: Path, tmp_path: Path, flat_table: FlatTable, monkeypatch: pytest.MonkeyPatch
+):
+    def interrupted(*_: object) -> Detection:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(flat_table, "detect", interrupted)
+    assert cli.main(["predict", str(scene_folder), "--out", str(tmp_path / "out")]) == 130
+    assert not (tmp_path / "out").exists()
+
+
+def test_weights_that_are_not_there(scene_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    arguments = ["predict", str(scene_folder), "--out", str(tmp_path / "out"), "--weights", "no.safetensors"]
+    assert cli.main(arguments) == 2
+    assert "no weights 'no.safetensors'" in capsys.readouterr().err
+
+
+def test_the_demo_prints_a_table_and_fills_a_folder_per_scene(
+    scene_folder: Path,
+    tmp_path: Path,
+    flat_table: FlatTable,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+):
+    from neugrasp import demo
+
+    monkeypatch.setattr(demo, "demo_scenes", lambda: [demo.DemoScene("glasses", scene_folder)])
+    assert cli.main(["demo", "--out", str(tmp_path / "out")]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[0].split() == ["scene", "grasps", "best", "width", "seconds", "pictures"]
+    assert printed[1].split() == [
+        "glasses",
+        "2",
+        "0.95",
+        "40",
+        "mm",
+        "0.1",
+        str(tmp_path / "out" / "glasses"),
+    ]
+    written = {file.name for file in (tmp_path / "out" / "glasses").iterdir()}
+    assert written == {"grasps.json", "overlay.png", "surface.ply", "tsdf.npz", "surface.png", "slice.png"}
+
+
+def test_a_demo_without_scenes_is_an_incomplete_installation(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    from neugrasp import demo
+
+    monkeypatch.setattr(demo.resources, "files", lambda _: tmp_path)
+    with pytest.raises(InputError, match="no bundled scenes; this installation is incomplete"):
+        demo.demo_scenes()
+
+
+@pytest.mark.parametrize("command", ["demo", "predict", "generate", "train"])
+def test_every_command_has_help(command: str, capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit) as ended:
+        cli.main([command, "--help"])
+    assert ended.value.code == 0
+    assert "--out DIR" in capsys.readouterr().out
+
+
+def test_help_comes_without_loading_the_network():
+    code = (
+        "import sys\nfrom neugrasp import cli\n"
+        "try:\n    cli.main(['--help'])\nexcept SystemExit:\n    pass\n"
+        "assert not {'torch', 'scipy', 'pybullet', 'bpy'} & set(sys.modules), sorted(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.DEVNULL)

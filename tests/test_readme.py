@@ -1,0 +1,76 @@
+"""What the README and the documentation promise is so."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image as Picture
+
+from neugrasp.cli import COMMANDS
+from neugrasp.data.scene_folder import read_scene
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text()
+DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def fences(text: str, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
+
+
+def test_the_first_commands_come_early():
+    assert README.splitlines().index("```") < 25
+
+
+@pytest.mark.skipif(
+    not list((ROOT / "src/neugrasp/weights").glob("*.safetensors")), reason="no weights are bundled"
+)
+def test_the_python_lines_of_the_readme_run(tmp_path: Path):
+    (code,) = fences(README, "python")
+    result = subprocess.run(
+        [sys.executable, "-c", code], check=False, cwd=tmp_path, capture_output=True, text=True
+    )
+    assert result.returncode == 0, result.stderr
+
+
+def test_every_command_that_is_named_exists():
+
+    commands = {
+        name for line in re.findall(r"^neugrasp (\w+)", README, flags=re.MULTILINE) for name in [line]
+    }
+    assert commands
+    assert commands <= set(COMMANDS)
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_links_lead_somewhere(document: Path):
+    for target in re.findall(r"\]\(([^)#]+)\)", document.read_text()):
+        if not target.startswith("http"):
+            assert (document.parent / target).exists(), target
+
+
+def test_the_example_of_the_scene_format_is_a_scene(tmp_path: Path):
+    (scene, _) = fences((ROOT / "docs/data_format.md").read_text(), "json")
+    data = json.loads(scene)
+    for key in ("image", "background"):
+        file = tmp_path / data["views"][0][key]
+        file.parent.mkdir()
+        Picture.fromarray(np.zeros((360, 640, 3), dtype=np.uint8)).save(file)
+    data["views"][0]["world_from_camera"] = nearest_rigid(data["views"][0]["world_from_camera"])
+    (tmp_path / "scene.json").write_text(json.dumps(data))
+    assert len(read_scene(tmp_path)) == 1
+
+
+def nearest_rigid(rows: list[list[float]]) -> list[list[float]]:
+    """The printed pose, which has two digits, made exact."""
+    pose = np.array(rows)
+    u, _, v = np.linalg.svd(pose[:3, :3])
+    assert np.abs(u @ v - pose[:3, :3]).max() < 0.02
+    pose[:3, :3] = u @ v
+    return pose.tolist()
