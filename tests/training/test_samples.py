@@ -67,8 +67,8 @@ def test_an_augmented_sample_is_the_same_each_time_it_is_made(make_record):
     prepared = prepare_record(make_record())
     first, second = (sample_of(prepared, Workspace(), 64, np.random.default_rng(5)) for _ in range(2))
     assert torch.equal(first.inputs.views.images, second.inputs.views.images)
-    assert torch.equal(first.tsdf, second.tsdf)
-    assert torch.equal(first.labels.index, second.labels.index)
+    assert torch.equal(first.truth.tsdf, second.truth.tsdf)
+    assert torch.equal(first.truth.labels.index, second.truth.labels.index)
 
 
 def test_labels_lie_on_their_object(make_record):
@@ -76,8 +76,8 @@ def test_labels_lie_on_their_object(make_record):
     prepared = prepare_record(make_record(x=0.1, y=0.2))
     for seed in range(6):
         sample = sample_of(prepared, Workspace(), 64, np.random.default_rng(seed))
-        x, y, z = sample.labels.index[sample.labels.success].T
-        assert (sample.tsdf[x, y, z].abs() < 0.6).all()
+        x, y, z = sample.truth.labels.index[sample.truth.labels.success].T
+        assert (sample.truth.tsdf[x, y, z].abs() < 0.6).all()
 
 
 def test_another_network_size_keeps_the_geometry(make_record):

@@ -11,7 +11,15 @@ from neugrasp.data.records import Record, read_record
 from neugrasp.data.shards import INDEX, Shards
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.training.samples import PreparedRecord, Sample, prepare_record, sample_of
+from neugrasp.training.samples import (
+    PreparedRecord,
+    Sample,
+    Symmetry,
+    Truth,
+    prepare_record,
+    sample_of,
+    truth_of,
+)
 
 
 def read_records(folder: Path) -> list[Record]:
@@ -60,6 +68,14 @@ class TrainingSet:
         sample = waiting[1].result() if waiting and waiting[0] == position else self.sample_at(position)
         self._next = (position + 1, self._pool.submit(self.sample_at, position + 1))
         return sample
+
+    def truths_at(self, position: int, count: int) -> list[Truth]:
+        """Labels and grids of `count` records from a position on, each moved by a symmetry of its own."""
+        moved = []
+        for place in range(position, position + count):
+            symmetry = Symmetry.random(np.random.default_rng([self.seed, 3, place]))
+            moved.append(truth_of(self.records[self.index_at(place)], symmetry, self.workspace))
+        return moved
 
     def plain(self, index: int) -> Sample:
         """A record as it stands, for validation."""

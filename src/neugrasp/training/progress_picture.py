@@ -21,7 +21,7 @@ def save_progress_picture(path: Path, model: NeuGrasp, sample: Sample, sharpness
     reconstruction, volume = reconstruct(model, sample)
     image, photo = render_view(model, reconstruction, sample.targets, 0, sharpness)
     workspace = model.workspace
-    truth, tsdf = sample.tsdf.numpy(), reconstruction.tsdf.numpy()
+    truth, tsdf = sample.truth.tsdf.numpy(), reconstruction.tsdf.numpy()
     slice_at = busiest_slice(truth, workspace)
     quality = np.rot90(volume.quality[0].max(dim=1).values.numpy())
     tiles = [

@@ -33,6 +33,11 @@ def small() -> TrainConfig:
     )
 
 
+def head() -> TrainConfig:
+    """The grasp head of `small` alone, on true TSDFs: needs no photos, so physics-only records will do."""
+    return replace(small(), steps=4_000, head_steps=4_000, validate_every=10_000_000)
+
+
 def paper() -> TrainConfig:
     """The paper's shapes, losses and schedule, literally: no carving, learned sharpness."""
     return TrainConfig(
@@ -61,7 +66,7 @@ def without_backgrounds() -> TrainConfig:
 
 
 def tiny() -> TrainConfig:
-    """Twenty steps on a laptop's CPU: what the tests run."""
+    """A dozen steps on a laptop's CPU: what the tests run."""
     model = ModelConfig(
         image_size=64,
         encoder_width=4,
@@ -77,13 +82,14 @@ def tiny() -> TrainConfig:
         head_channels=(4, 8, 8),
     )
     return replace(
-        small(), model=model, steps=20, head_steps=6, head_batch=2, rays=48, carving_rays=16,
+        small(), model=model, steps=12, head_steps=4, head_batch=2, rays=48, carving_rays=16,
         checkpoint_every=5, validate_every=10, validation_scenes=1,
     )  # fmt: skip
 
 
 RECIPES: dict[str, Callable[[], TrainConfig]] = {
     "small": small,
+    "head": head,
     "paper": paper,
     "tsdf": tsdf,
     "without-attention": without_attention,

@@ -40,6 +40,21 @@ class GraspLabels:
 
 
 @dataclass(frozen=True)
+class Truth:
+    """What the simulator knows of a scene."""
+
+    labels: GraspLabels
+    tsdf: Tensor
+    """(r, r, r); for the head's stage, the control recipe and validation; the losses of `small` never read it."""
+    observed: Tensor
+    """(r, r, r) bool."""
+
+    def to(self, device: torch.device | str) -> Truth:
+        """The same truth on another device."""
+        return Truth(self.labels.to(device), self.tsdf.to(device), self.observed.to(device))
+
+
+@dataclass(frozen=True)
 class Photos:
     """Photos with the labels of what changed in them."""
 
@@ -59,16 +74,11 @@ class Sample:
     inputs: Photos
     targets: Photos
     """Views that are never among the inputs."""
-    labels: GraspLabels
-    tsdf: Tensor
-    """(r, r, r) truth; read by the control recipe, by the head's stage and by validation."""
-    observed: Tensor
-    """(r, r, r) bool."""
+    truth: Truth
 
     def to(self, device: torch.device | str) -> Sample:
         """The same sample on another device."""
-        photos = (self.inputs.to(device), self.targets.to(device))
-        return Sample(*photos, self.labels.to(device), self.tsdf.to(device), self.observed.to(device))
+        return Sample(self.inputs.to(device), self.targets.to(device), self.truth.to(device))
 
 
 @dataclass(frozen=True)
@@ -103,6 +113,11 @@ class Symmetry:
 
     turns: int = 0
     mirrored: bool = False
+
+    @classmethod
+    def random(cls, rng: np.random.Generator) -> Symmetry:
+        """One of the eight."""
+        return cls(int(rng.integers(4)), bool(rng.integers(2)))
 
     def matrix(self, workspace: Workspace) -> Array:
         """4x4 map of workspace points; its determinant is -1 where mirrored."""
@@ -151,14 +166,17 @@ def sample_of(
 ) -> Sample:
     """A training sample; with a generator it is augmented, without it is the record as it stands."""
     record = prepared.record
-    symmetry = Symmetry() if rng is None else Symmetry(int(rng.integers(4)), bool(rng.integers(2)))
+    symmetry = Symmetry() if rng is None else Symmetry.random(rng)
     inputs = _photos(record.views().views, prepared.changes, symmetry, workspace, size)
     targets = _photos(record.target_views().views, prepared.target_changes, symmetry, workspace, size)
     if rng is not None:
         inputs, targets = _jitter([inputs, targets], rng)
-    return Sample(
-        inputs,
-        targets,
+    return Sample(inputs, targets, truth_of(record, symmetry, workspace))
+
+
+def truth_of(record: Record, symmetry: Symmetry, workspace: Workspace) -> Truth:
+    """Labels and true grid of a record, moved by a symmetry."""
+    return Truth(
         _labels(record, symmetry, workspace),
         torch.from_numpy(symmetry.of_grid(record.tsdf.astype(np.float32))),
         torch.from_numpy(symmetry.of_grid(record.observed)),

@@ -10,7 +10,7 @@ from neugrasp.model.network import NeuGrasp, Reconstruction
 from neugrasp.model.rendering import Rays, cut_to_workspace
 from neugrasp.training.config import TrainConfig
 from neugrasp.training.losses import carving_loss, eikonal_loss, grasp_loss, photometric_loss, tsdf_loss
-from neugrasp.training.samples import Photos, Sample, drop_views
+from neugrasp.training.samples import Photos, Sample, Truth, drop_views
 
 Losses = dict[str, Tensor]
 
@@ -21,10 +21,11 @@ def total(losses: Losses, config: TrainConfig) -> Tensor:
     return torch.stack([getattr(weights, name) * value for name, value in losses.items()]).sum()
 
 
-def head_losses(model: NeuGrasp, samples: list[Sample], generator: torch.Generator) -> Losses:
+def head_losses(model: NeuGrasp, truths: list[Truth], generator: torch.Generator) -> Losses:
     """The grasp head alone, on true TSDFs made imperfect the way predictions are."""
-    grids = torch.stack([imperfect(sample.tsdf, generator) for sample in samples])
-    return {"grasp": grasp_loss(model.head(grids), [sample.labels for sample in samples])}
+    device = next(model.parameters()).device
+    grids = torch.stack([imperfect(truth.tsdf, generator) for truth in truths]).to(device)
+    return {"grasp": grasp_loss(model.head(grids), [truth.labels.to(device) for truth in truths])}
 
 
 def imperfect(tsdf: Tensor, generator: torch.Generator) -> Tensor:
@@ -60,11 +61,11 @@ def joint_losses(
     reconstruction = _reconstruct(model, inputs)
     losses: Losses = {}
     if weights.grasp:
-        losses["grasp"] = grasp_loss(model.head(reconstruction.tsdf.unsqueeze(0)), [sample.labels])
+        losses["grasp"] = grasp_loss(model.head(reconstruction.tsdf.unsqueeze(0)), [sample.truth.labels])
     if weights.eikonal:
         losses["eikonal"] = eikonal_loss(reconstruction.sdf, reconstruction.seen, model.workspace)
     if weights.tsdf:
-        losses["tsdf"] = tsdf_loss(reconstruction.tsdf, sample.tsdf, sample.observed)
+        losses["tsdf"] = tsdf_loss(reconstruction.tsdf, sample.truth.tsdf, sample.truth.observed)
     steepness = model.sharpness(sharpness)
     carving = []
     if weights.photometric:

@@ -45,13 +45,15 @@ class TrainRun:
     """Overrides the recipe's number of steps; the stages shrink or grow with it."""
     resume: bool = False
     init: str | None = None
-    """Weights to start from, by name or file, instead of random ones."""
+    """Weights to start from, by name or file, instead of random ones; the head's stage then lies behind."""
     seed: int = 0
 
 
 def configured(run: TrainRun) -> TrainConfig:
     """The recipe with the run's facts in it."""
     config = replace(recipe(run.recipe), seed=run.seed)
+    if run.init and config.steps > config.head_steps:
+        config = replace(config, steps=config.steps - config.head_steps, head_steps=0)
     if run.steps is None:
         return config
     if run.steps < 1:
@@ -152,12 +154,10 @@ def _step(
     optimizer.zero_grad(set_to_none=True)
     device = next(model.parameters()).device
     if step < config.head_steps:
-        first = step * config.head_batch
-        samples = [data.take(first + k).to(device) for k in range(config.head_batch)]
-        losses = head_losses(model, samples, generator)
+        truths = data.truths_at(step * config.head_batch, config.head_batch)
+        losses = head_losses(model, truths, generator)
     else:
-        position = config.head_steps * config.head_batch + step - config.head_steps
-        sample = data.take(position).to(device)
+        sample = data.take(step - config.head_steps).to(device)
         losses = joint_losses(model, sample, config, config.sharpness_at(step), generator)
     loss = total(losses, config)
     if not torch.isfinite(loss):

@@ -83,11 +83,11 @@ def validate(
     table = int(model.workspace.table_height / model.workspace.voxel_size) + 1
     for sample in samples:
         reconstruction, volume = reconstruct(model, sample)
-        truth, tsdf = sample.tsdf.numpy(), reconstruction.tsdf.numpy()
+        truth, tsdf = sample.truth.tsdf.numpy(), reconstruction.tsdf.numpy()
         scores.add(**{f"l1_{a}": value for a, value in l1_by_mask(tsdf, truth).items()})
         for constant in CONSTANTS:
             scores.add(**{f"l1_0.3_constant_{constant:+.0f}": l1_by_mask(constant, truth)["0.3"]})
-        scores.add(iou=occupancy_iou(tsdf, truth, table), **grasp_scores(volume, sample.labels))
+        scores.add(iou=occupancy_iou(tsdf, truth, table), **grasp_scores(volume, sample.truth.labels))
         if render:
             image, photo = render_view(model, reconstruction, sample.targets, 0, sharpness)
             scores.add(psnr=psnr(image, photo), ssim=ssim(image, photo))
