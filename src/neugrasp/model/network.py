@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from neugrasp.geometry.sampling import sample_images
+from neugrasp.geometry.sampling import sample_images, sample_volume
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.config import ModelConfig
 from neugrasp.model.features import FeatureNet, ResidualAttention
@@ -16,6 +16,9 @@ from neugrasp.model.inputs import ViewTensors
 from neugrasp.model.rendering import Rays, Rendered, composite, concentrate, ray_weights, spread
 from neugrasp.model.sdf import EncodedViews, FieldSamples, SdfField
 from neugrasp.model.volumes import VolumeNet
+
+GRID_SAMPLES = 64
+"""Samples on a ray through the grid: about one for every voxel that it meets."""
 
 
 @dataclass(frozen=True)
@@ -110,13 +113,19 @@ class NeuGrasp(nn.Module):
         fine_at = concentrate(coarse_at, coarse.weights, self.config.fine_samples, generator)
         return coarse, self._render_at(scene, rays, fine_at, sharpness)
 
-    def weights_along(
-        self, scene: EncodedViews, rays: Rays, sharpness: Tensor, generator: torch.Generator | None = None
+    def weights_on_grid(
+        self,
+        reconstruction: Reconstruction,
+        rays: Rays,
+        sharpness: Tensor,
+        generator: torch.Generator | None = None,
     ) -> tuple[Tensor, Tensor]:
-        """Weights (r, s - 1) of coarse intervals and the distances of their middles, without colours."""
-        distances = spread(rays, self.config.coarse_samples, generator)
-        sdf = self.field(scene, rays.points(distances)).sdf * self.workspace.truncation
-        return ray_weights(sdf, sharpness), (distances[:, 1:] + distances[:, :-1]) / 2
+        """Weights (r, s - 1) of intervals on rays through the grid's distances, and their middles."""
+        distances = spread(rays, GRID_SAMPLES, generator)
+        points = self.workspace.to_unit(rays.points(distances).reshape(-1, 3))
+        sdf = sample_volume(reconstruction.sdf.unsqueeze(0), points).reshape(distances.shape)
+        weights = ray_weights(sdf * self.workspace.truncation, sharpness)
+        return weights, (distances[:, 1:] + distances[:, :-1]) / 2
 
     def _render_at(self, scene: EncodedViews, rays: Rays, distances: Tensor, sharpness: Tensor) -> Rendered:
         samples: FieldSamples = self.field(scene, rays.points(distances), eye=rays.origins[0])

@@ -28,15 +28,26 @@ def change_labels(image: Image, background: Image) -> NDArray[np.int8]:
     chroma = np.abs(ratio - brightness[..., None]).max(-1)
     # A shadow scales a patch by one factor; what lies behind glass or on metal is another picture.
     texture = _local_deviation(brightness, 5)
-    object_like = (difference > 0.12) & ((chroma > 0.18) | (texture > 0.16))
+    object_like = (difference > 0.08) & ((chroma > 0.15) | (texture > 0.08))
     object_like = ndimage.binary_opening(object_like, np.ones((2, 2)))
-    object_like = ndimage.binary_closing(object_like, np.ones((3, 3)), iterations=2)
+    # Clear glass shows at its rims; what they enclose belongs to it.
+    object_like = ndimage.binary_fill_holes(_closed(object_like, 4))
     nearby = ndimage.maximum_filter(ndimage.uniform_filter(difference, 3), 5)
-    enclosed = ndimage.binary_fill_holes(object_like)
     labels = np.full(difference.shape, UNSURE, dtype=np.int8)
-    labels[(nearby < 0.05) & ~enclosed] = SAME
-    labels[ndimage.binary_erosion(object_like, iterations=1)] = OBJECT
+    # Clear glass before a plain table looks like the table: what its rims surround is left open.
+    labels[(nearby < 0.05) & ~_closed(object_like, 12)] = SAME
+    labels[ndimage.binary_erosion(object_like, iterations=2)] = OBJECT
     return labels
+
+
+def _closed(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
+    """The mask with gaps of up to twice the radius bridged: grown by the radius, then shrunk by it."""
+    if not mask.any():
+        return mask
+    grown = ndimage.distance_transform_edt(~np.pad(mask, radius)) <= radius
+    shrunk = ndimage.distance_transform_edt(np.pad(grown, 1)) > radius
+    inner = slice(radius + 1, -radius - 1)
+    return np.asarray(shrunk[inner, inner] | mask, dtype=np.bool_)
 
 
 def _local_deviation(values: NDArray[np.float32], size: int) -> NDArray[np.float32]:

@@ -16,7 +16,10 @@ class LossWeights:
     eikonal: float = 0.1
     grasp: float = 0.01
     carving: float = 0.1
-    """Background carving: cross-entropy of what pixels that changed or not say of the space before them."""
+    """Background carving along the rendered rays: cross-entropy of what pixels that changed, or did not, say of
+    the space in front of them."""
+    grid_carving: float = 0.1
+    """The same along rays of all photos through the grid."""
     tsdf: float = 0.0
     """Geometry supervision; only the control recipe has it."""
 
@@ -38,13 +41,15 @@ class TrainConfig:
     """How often the learning rate is halved over each stage (the paper: every 50k of 300k steps)."""
     rays: int = 2304
     """Rays of the target view per step."""
-    carving_rays: int = 0
-    """Further rays per step from an input view, for carving alone."""
+    carving_rays: int = 512
+    """Rays of each photo, inputs and targets, that carve the grid."""
     sharpness: tuple[float, float] = (80.0, 400.0)
     """NeuS sharpness in 1 / m at the start and the end, in geometric steps, unless the model learns it."""
     view_dropout: float = 0.3
     """Probability that a step sees fewer views than the record has."""
     gradient_clip: float = 1.0
+    bfloat16: bool = False
+    """Whether products and convolutions run in bfloat16; weights and moments stay float32."""
     seed: int = 0
     checkpoint_every: int = 100
     validate_every: int = 2000

@@ -22,14 +22,14 @@ def small() -> TrainConfig:
     )
     return TrainConfig(
         model=model,
-        weights=LossWeights(carving=0.3),
+        weights=LossWeights(carving=0.1, grid_carving=0.3),
         steps=9_000,
         head_steps=5_000,
         learning_rate=1e-3,
         head_learning_rate=1e-3,
         rays=256,
-        carving_rays=256,
         validate_every=1_000,
+        bfloat16=True,
     )
 
 
@@ -41,13 +41,15 @@ def head() -> TrainConfig:
 def paper() -> TrainConfig:
     """The paper's shapes, losses and schedule, literally: no carving, learned sharpness."""
     return TrainConfig(
-        model=ModelConfig(learned_sharpness=True), weights=LossWeights(carving=0.0), view_dropout=0.0
+        model=ModelConfig(learned_sharpness=True),
+        weights=LossWeights(carving=0.0, grid_carving=0.0),
+        view_dropout=0.0,
     )
 
 
 def tsdf() -> TrainConfig:
     """The control: `small` with the TSDF itself as supervision."""
-    return replace(small(), weights=LossWeights(carving=0.0, tsdf=1.0))
+    return replace(small(), weights=LossWeights(carving=0.0, grid_carving=0.0, tsdf=1.0))
 
 
 def without_attention() -> TrainConfig:
@@ -82,7 +84,7 @@ def tiny() -> TrainConfig:
         head_channels=(4, 8, 8),
     )
     return replace(
-        small(), model=model, steps=12, head_steps=4, head_batch=2, rays=48, carving_rays=16,
+        small(), model=model, bfloat16=False, steps=12, head_steps=4, head_batch=2, rays=48, carving_rays=16,
         checkpoint_every=5, validate_every=10, validation_scenes=1,
     )  # fmt: skip
 

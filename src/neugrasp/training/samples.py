@@ -45,7 +45,7 @@ class Truth:
 
     labels: GraspLabels
     tsdf: Tensor
-    """(r, r, r); for the head's stage, the control recipe and validation; the losses of `small` never read it."""
+    """(r, r, r); for the head's stage, the control recipe and validation. No other loss reads it."""
     observed: Tensor
     """(r, r, r) bool."""
 

@@ -18,7 +18,8 @@ Losses = dict[str, Tensor]
 def total(losses: Losses, config: TrainConfig) -> Tensor:
     """The weighted sum of the terms."""
     weights = config.weights
-    return torch.stack([getattr(weights, name) * value for name, value in losses.items()]).sum()
+    terms = [getattr(weights, name) * value for name, value in losses.items() if getattr(weights, name)]
+    return torch.stack(terms).sum()
 
 
 def head_losses(model: NeuGrasp, truths: list[Truth], generator: torch.Generator) -> Losses:
@@ -67,18 +68,14 @@ def joint_losses(
     if weights.tsdf:
         losses["tsdf"] = tsdf_loss(reconstruction.tsdf, sample.truth.tsdf, sample.truth.observed)
     steepness = model.sharpness(sharpness)
-    carving = []
     if weights.photometric:
-        losses["photometric"], carved = _target_losses(
+        losses["photometric"], losses["carving"] = _target_losses(
             model, reconstruction, sample.targets, steepness, config, generator
         )
-        carving.append(carved)
-    if weights.carving and config.carving_rays:
-        carving.append(
-            _carve_inputs(model, reconstruction, inputs, steepness, config.carving_rays, generator)
+    if weights.grid_carving:
+        losses["grid_carving"] = _carve_grid(
+            model, reconstruction, (inputs, sample.targets), steepness, config.carving_rays, generator
         )
-    if weights.carving:
-        losses["carving"] = torch.stack(carving).mean()
     return losses
 
 
@@ -120,19 +117,28 @@ def _target_losses(
     return photometric, torch.stack(carved).mean()
 
 
-def _carve_inputs(
+def _carve_grid(
     model: NeuGrasp,
     reconstruction: Reconstruction,
-    inputs: Photos,
+    photos: tuple[Photos, ...],
     sharpness: Tensor,
     num: int,
     generator: torch.Generator,
 ) -> Tensor:
-    """Carving by one of the input views: opacity needs no colours, so nothing can be copied."""
-    view = int(torch.randint(len(inputs.changes), (), generator=generator))
-    rays, row, column = choose_rays(model, inputs, view, num, generator)
-    weights, middles = model.weights_along(reconstruction.scene, rays, sharpness, generator)
-    return carving_loss(weights, middles, rays, inputs.changes[view, row, column], model.workspace)
+    """Carving of the grid itself by `num` rays of every photo, inputs too.
+
+    Opacity needs no colours, so nothing can be copied from an input, and reading the grid along a ray costs
+    next to nothing: this teaches the very values that the grasp head and the surface are made from.
+    """
+    losses = []
+    for group in photos:
+        for view in range(len(group.changes)):
+            rays, row, column = choose_rays(model, group, view, num, generator)
+            weights, middles = model.weights_on_grid(reconstruction, rays, sharpness, generator)
+            losses.append(
+                carving_loss(weights, middles, rays, group.changes[view, row, column], model.workspace)
+            )
+    return torch.stack(losses).mean()
 
 
 def choose_rays(

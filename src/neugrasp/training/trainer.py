@@ -84,11 +84,12 @@ def train(run: TrainRun, stop_after: int | None = None) -> Path:
             losses = _step(model, optimizer, data, config, step)
             records.step(step, losses, config.learning_rate_at(step))
             done = step + 1
+            if held_out() and (done % config.validate_every == 0 or done == config.steps):
+                _validate(model, config, run, held_out, done, records)
+            # The state comes last: a run killed before it validates again, one killed after it has done so.
             if done % config.checkpoint_every == 0 or done == config.steps:
                 save_state(run.out, model, optimizer, done, config)
                 _show_progress(done, config, losses, (time.monotonic() - began) / (done - start))
-            if held_out() and (done % config.validate_every == 0 or done == config.steps):
-                _validate(model, config, run, held_out, done, records)
     finally:
         data.close()
         records.close()
@@ -104,6 +105,8 @@ def _check_out(run: TrainRun) -> None:
         )
     try:
         run.out.mkdir(parents=True, exist_ok=True)
+        for half_written in run.out.glob(".*.safetensors.*"):
+            half_written.unlink()
     except OSError as error:
         raise NeuGraspError(f"{run.out}: cannot be made ({error.strerror})") from error
 
@@ -153,13 +156,14 @@ def _step(
         group["lr"] = config.learning_rate_at(step)
     optimizer.zero_grad(set_to_none=True)
     device = next(model.parameters()).device
-    if step < config.head_steps:
-        truths = data.truths_at(step * config.head_batch, config.head_batch)
-        losses = head_losses(model, truths, generator)
-    else:
-        sample = data.take(step - config.head_steps).to(device)
-        losses = joint_losses(model, sample, config, config.sharpness_at(step), generator)
-    loss = total(losses, config)
+    with torch.autocast(device.type, torch.bfloat16, enabled=config.bfloat16):
+        if step < config.head_steps:
+            truths = data.truths_at(step * config.head_batch, config.head_batch)
+            losses = head_losses(model, truths, generator)
+        else:
+            sample = data.take(step - config.head_steps).to(device)
+            losses = joint_losses(model, sample, config, config.sharpness_at(step), generator)
+        loss = total(losses, config)
     if not torch.isfinite(loss):
         raise NeuGraspError(
             f"step {step}: the loss is {float(loss.detach())}; the last state before it is kept"

@@ -31,8 +31,9 @@ class Scores:
             self.values.setdefault(name, []).append(value)
 
     def means(self) -> dict[str, float]:
-        """The mean of each, leaving out scenes where it does not exist."""
-        return {name: float(np.nanmean(values)) for name, values in self.values.items()}
+        """The mean of each, leaving out scenes where it does not exist; NaN where it exists in none."""
+        kept = {name: [v for v in values if not np.isnan(v)] for name, values in self.values.items()}
+        return {name: float(np.mean(values)) if values else float("nan") for name, values in kept.items()}
 
 
 @torch.no_grad()
