@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from neugrasp.data.records import Record
 from neugrasp.data.scene_folder import write_scene
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.view_sets import view_set
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.views import View, Views
+
+# Lets all tests share `ball_record`.
+sys.path.insert(0, str(Path(__file__).parent))
 
 
 @pytest.fixture
@@ -63,3 +68,11 @@ def ball_on_table(workspace: Workspace) -> Callable[..., np.ndarray]:
         return (distance / workspace.truncation).clip(-1, 1).astype(np.float32)
 
     return grid
+
+
+@pytest.fixture
+def make_record() -> Callable[..., Record]:
+    """`ball_record`, as a fixture."""
+    from ball_record import ball_record
+
+    return ball_record

@@ -1,4 +1,4 @@
-"""What every detector receives: photos, photos of the empty table, and cameras."""
+"""What detectors receive: photos, photos of the empty table, and cameras; or depth images and cameras."""
 
 from __future__ import annotations
 
@@ -42,3 +42,21 @@ class Views:
 
     def __len__(self) -> int:
         return len(self.views)
+
+
+@dataclass(frozen=True)
+class DepthView:
+    """One depth image."""
+
+    depth: NDArray[np.float32]
+    """(height, width) z-depth in metres; 0 where nothing was measured."""
+    camera: Camera
+    """`world_from_camera` is in the user's world."""
+
+
+@dataclass(frozen=True)
+class DepthViews:
+    """Everything a detector that needs depth may know about a scene."""
+
+    views: tuple[DepthView, ...]
+    workspace: Workspace

@@ -10,9 +10,12 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from neugrasp.errors import InputError
+from neugrasp.geometry.workspace import Workspace
 from neugrasp.simulation import glassware, revolution
 from neugrasp.simulation.meshes import Mesh, merged, read_obj, write_obj
 from neugrasp.simulation.objects import KINDS, FolderSet, ObjectLibrary, PybulletSet, cache_folder
+from neugrasp.simulation.physics import World
+from neugrasp.simulation.scene import Body
 
 HOLLOW = ("tumbler", "bottle", "stemmed", "bowl", "jar")
 NAMES = glassware.GlasswareSet().names("train", "pile")[:14]
@@ -54,7 +57,8 @@ def test_glassware_is_closed_centred_and_fits_the_gripper(name: str) -> None:
     volume, centre = surface.volume_and_centroid()
     assert surface.is_closed()
     assert volume > 0
-    np.testing.assert_allclose(centre, 0, atol=1e-6)
+    np.testing.assert_allclose(centre, model.centre_of_mass, atol=1e-6)
+    np.testing.assert_allclose(surface.middle, 0, atol=1e-6)
     assert 0.02 <= model.mass <= 0.4
     assert surface.extents[2] <= 0.165
     # Graspable across the body, or at the rim of something open.
@@ -84,7 +88,7 @@ def test_meshes_are_written_once_and_the_same_by_many_at_a_time() -> None:
     with ThreadPoolExecutor(8) as pool:
         models = list(pool.map(glassware.GlasswareSet().model, [NAMES[1]] * 16))
     assert len(set(models)) == 1
-    assert sorted(path.name for path in (cache_folder() / "glassware-1").iterdir()) == [
+    assert sorted(path.name for path in (cache_folder() / "glassware-2").iterdir()) == [
         f"{NAMES[1]}_collision.obj",
         f"{NAMES[1]}_visual.obj",
     ]
@@ -117,6 +121,7 @@ def test_pybullet_objects_are_shrunk_to_the_gripper(name: str) -> None:
     model = PybulletSet().model(name)
     surface = merged(read_obj(model.visual_mesh))
     assert surface.is_closed()
+    np.testing.assert_allclose(surface.volume_and_centroid()[1], model.centre_of_mass, atol=1e-6)
     assert surface.extents[:2].min() <= 0.066
     assert surface.extents.max() <= 0.151
     assert 0.01 <= model.mass <= 0.5
@@ -188,3 +193,18 @@ def test_sets_that_cannot_be_opened(tmp_path: Path) -> None:
         ObjectLibrary.open(["folder"], tmp_path / "absent").choices("train", "pile")
     with pytest.raises(InputError, match=r"neither NAME.urdf"):
         ObjectLibrary.open(["folder"], tmp_path).choices("train", "pile")
+
+
+@pytest.mark.parametrize("name", NAMES[:7])
+def test_things_put_on_the_table_stay_where_they_are(name: str) -> None:
+    library = ObjectLibrary.open(["glassware"])
+    with World(Workspace(), library) as world:
+        world.add(Body("glassware", name, 0.9, (0.15, 0.15, 0.2), (0.0, 0.0, 0.0, 1.0)))
+        z = 0.05 + world.height(0) / 2 + 0.001
+        world.place(0, Body("glassware", name, 0.9, (0.15, 0.15, z), (0.0, 0.0, 0.0, 1.0)))
+        world.settle()
+        (body,) = world.bodies()
+    seen = merged(read_obj(library.model("glassware", name).visual_mesh))
+    standing = 0.05 + 0.9 * seen.extents[2] / 2
+    np.testing.assert_allclose(body.position, (0.15, 0.15, standing), atol=0.001)
+    assert abs(body.quaternion_xyzw[3]) > 0.9999

@@ -35,14 +35,14 @@ def read_scene(path: Path) -> Views:
     path = Path(path)
     folder = path.parent if path.name == FILE else path
     file = folder / FILE
-    data = _read_json(file)
-    workspace = _workspace(data, file)
+    data = read_json(file)
+    workspace = workspace_of(data, file)
     entries = data.get("views")
     if not isinstance(entries, list):
         raise InputError(f"{file}: 'views' must be a list of views")
     if not 1 <= len(entries) <= MAX_VIEWS:
         raise InputError(f"{file}: {len(entries)} views given; a scene has 1 to {MAX_VIEWS} views")
-    views = tuple(_view(entry, f"{file}, view {i}", folder) for i, entry in enumerate(entries))
+    views = tuple(view_of(entry, f"{file}, view {i}", folder) for i, entry in enumerate(entries))
     scene = Views(views, workspace)
     check_scene(scene, str(file))
     return scene
@@ -102,7 +102,7 @@ def read_image(file: Path, where: str) -> Image:
     return image
 
 
-def _read_json(file: Path) -> dict[str, Any]:
+def read_json(file: Path) -> dict[str, Any]:
     """The content of `scene.json`, of a format and version that this program reads."""
     try:
         data = json.loads(file.read_text(encoding="utf-8"))
@@ -127,7 +127,7 @@ def _read_json(file: Path) -> dict[str, Any]:
     return data
 
 
-def _workspace(data: dict[str, Any], file: Path) -> Workspace:
+def workspace_of(data: dict[str, Any], file: Path) -> Workspace:
     """The cube and its place in the user's world."""
     entry = data.get("workspace")
     if not isinstance(entry, dict):
@@ -141,7 +141,7 @@ def _workspace(data: dict[str, Any], file: Path) -> Workspace:
     return Workspace(world_from_workspace=pose)
 
 
-def _view(entry: Any, where: str, folder: Path) -> View:
+def view_of(entry: Any, where: str, folder: Path) -> View:
     """One entry of 'views' with its two photos loaded."""
     if not isinstance(entry, dict):
         raise InputError(f"{where}: must be an object with image, background, intrinsics, world_from_camera")

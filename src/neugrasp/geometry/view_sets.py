@@ -15,6 +15,8 @@ SENSOR = (640, 360)
 """Width and height of the D435 stream that the paper uses."""
 FOCAL = 459.14
 PRINCIPAL_POINT = (319.75, 179.75)
+VGN_SENSOR = (640, 480)
+VGN_FOCAL = 540.0
 
 
 def sensor_camera(eye: Array, target: Array) -> Camera:
@@ -69,8 +71,16 @@ def ring6(workspace: Workspace, rng: np.random.Generator) -> list[Camera]:
 
 
 def hemisphere6(workspace: Workspace, rng: np.random.Generator) -> list[Camera]:
-    """VGN's evaluation: 6 views around the table at a polar angle of 30 deg, 0.6 m away."""
-    return _arc(workspace, 0.6, [30] * 6, [60 * j for j in range(6)])
+    """VGN's evaluation: 6 views at a polar angle of 30 deg, 0.6 m from the middle of the cube's floor, which
+    lies under the table, with VGN's camera."""
+    floor = workspace.centre * (1, 1, 0)
+    intrinsics = np.array([[VGN_FOCAL, 0, VGN_SENSOR[0] / 2], [0, VGN_FOCAL, VGN_SENSOR[1] / 2], [0, 0, 1.0]])
+    polar, cameras = np.deg2rad(30), []
+    for azimuth in np.deg2rad(60.0 * np.arange(6)):
+        direction = [np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)]
+        eye = floor + 0.6 * np.array(direction)
+        cameras.append(Camera(intrinsics, look_at(eye, floor), *VGN_SENSOR))
+    return cameras
 
 
 def hemisphere(workspace: Workspace, rng: np.random.Generator, num: int = 4) -> list[Camera]:

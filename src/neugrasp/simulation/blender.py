@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 
 from neugrasp.errors import require
-from neugrasp.geometry.camera import Box
-from neugrasp.geometry.pose import from_quaternion
+from neugrasp.geometry.camera import Camera
+from neugrasp.geometry.pose import Array, from_quaternion, rigid
+from neugrasp.simulation.blender_frames import SENSOR_WIDTH, facing, lens_of, pixels_inside, upright
 from neugrasp.simulation.blender_materials import material_nodes, surface_nodes, world_nodes
 from neugrasp.simulation.meshes import merged, read_obj
 from neugrasp.simulation.scene import camera_from_dict
@@ -27,10 +28,11 @@ from neugrasp.simulation.scene import camera_from_dict
 SHARP_EDGE = np.deg2rad(40)
 """Edges sharper than this stay edges; flatter ones are shaded smooth."""
 MESH_CACHE = 400
-OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+MARGIN = 3
+"""Pixels rendered around what is wanted: the denoiser is less sure of itself at the edge of a picture."""
 
 
-class Studio:
+class Stage:
     """Blender's one scene, in which cells and arrangements are swapped."""
 
     def __init__(self, settings: dict[str, Any]):
@@ -65,7 +67,6 @@ class Studio:
         render.resolution_percentage = 100
         self._scene.display_settings.display_device = "sRGB"
         self._scene.view_settings.view_transform = settings["view_transform"]
-        self._scene.view_settings.look = settings["look"]
         cycles.device = "CPU"
         cycles.samples = settings["samples"]
         cycles.use_adaptive_sampling = False
@@ -103,38 +104,36 @@ class Studio:
         """
         assert self._cell is not None
         started = time.perf_counter()
-        border = self._aim(self._cell["cameras"][index])
+        border = self._aim(camera_from_dict(self._cell["cameras"][index]))
         self._scene.cycles.seed = (self._cell["seed"] * 7919 + index * 104729) % 2**31
         path = folder / f"{index}.png"
         self._scene.render.filepath = str(path)
         self._bpy.ops.render.render(write_still=True)
-        return {"file": str(path), "border": border, "seconds": time.perf_counter() - started}
+        seconds = time.perf_counter() - started
+        return {"file": str(path), "border": border, "margin": MARGIN, "seconds": seconds}
 
-    def _aim(self, data: dict[str, Any]) -> tuple[int, int, int, int]:
-        """Places the camera; gives back the rendered pixels (left, top, right, bottom; end exclusive)."""
-        camera = camera_from_dict(data)
-        width, height = camera.width, camera.height
-        (fx, _, cx), (_, fy, cy) = camera.intrinsics[:2]
-        lens = self._camera.data
-        lens.sensor_fit, lens.sensor_width = "HORIZONTAL", 36.0
-        lens.lens = fx * 36.0 / width
-        lens.shift_x = ((width - 1) / 2 - cx) / width
-        lens.shift_y = (cy - (height - 1) / 2) / width * (fx / fy)
-        lens.clip_start, lens.clip_end = 0.01, 50.0
-        self._camera.matrix_world = (camera.world_from_camera @ OPENGL_FROM_OPENCV).T.tolist()
+    def _aim(self, camera: Camera) -> tuple[int, int, int, int]:
+        """Places the camera; gives back the pixels (left, top, right, bottom; end exclusive) to be seen.
+
+        `MARGIN` more are rendered on every side.
+        """
+        left, top, right, bottom = pixels_inside(camera.bounds)
+        width, height = camera.width + 2 * MARGIN, camera.height + 2 * MARGIN
+        wider = (-0.5 - MARGIN, -0.5 - MARGIN, camera.width - 0.5 + MARGIN, camera.height - 0.5 + MARGIN)
+        lens, blender = lens_of(camera.cropped_and_resized(wider, width, height)), self._camera.data
+        blender.sensor_fit, blender.sensor_width = "HORIZONTAL", SENSOR_WIDTH
+        blender.lens, (blender.shift_x, blender.shift_y) = lens.focal, lens.shift
+        blender.clip_start, blender.clip_end = 0.01, 50.0
+        self._camera.matrix_world = lens.world_from_camera.T.tolist()
         render = self._scene.render
         render.resolution_x, render.resolution_y = width, height
-        render.pixel_aspect_x = max(1.0, fy / fx)
-        render.pixel_aspect_y = max(1.0, fx / fy)
-        border = _pixels_inside(camera.bounds)
-        whole = border == (0, 0, width, height)
-        render.use_border = render.use_crop_to_border = not whole
-        if not whole:
-            # A thousandth of a pixel keeps the truncation to whole pixels on the right side.
-            render.border_min_x, render.border_max_x = (border[0] + 1e-3) / width, (border[2] + 1e-3) / width
-            render.border_min_y = (height - border[3] + 1e-3) / height
-            render.border_max_y = (height - border[1] + 1e-3) / height
-        return border
+        render.pixel_aspect_x, render.pixel_aspect_y = lens.pixel_aspect
+        render.use_border = render.use_crop_to_border = True
+        # A thousandth of a pixel keeps the truncation to whole pixels on the right side.
+        render.border_min_x, render.border_max_x = (left + 1e-3) / width, (right + 2 * MARGIN + 1e-3) / width
+        render.border_min_y = (camera.height - bottom + 1e-3) / height
+        render.border_max_y = (camera.height - top + 2 * MARGIN + 1e-3) / height
+        return left, top, right, bottom
 
     def _enter(self, cell: dict[str, Any]) -> None:
         """Builds light, table and surroundings unless they stand already."""
@@ -145,6 +144,7 @@ class Studio:
         ):
             self._cell = cell
             return
+        self._cell = None
         self._remove(self._static)
         light, table = cell["light"], cell["table"]
         image = self._bpy.data.images.load(str(self._panorama(light["hdri"])), check_existing=True)
@@ -154,12 +154,12 @@ class Studio:
         self._scene.view_settings.exposure = light["exposure"]
         for lamp in light["lamps"]:
             self._add_lamp(lamp)
-        self._add_plane("table", _horizontal(table["centre"]), table["size"], table["texture"], table)
+        self._add_plane("table", rigid(None, table["centre"]), table["size"], table["texture"], table)
         x, y, _ = table["centre"]
         floor = table["floor"]
-        self._add_plane("floor", _horizontal((x, y, floor["height"])), (6.0, 6.0), floor["texture"], table)
+        self._add_plane("floor", rigid(None, (x, y, floor["height"])), (6.0, 6.0), floor["texture"], table)
         if table["wall"]:
-            place = _upright((x, y, floor["height"]), table["wall"]["azimuth"], table["wall"]["distance"])
+            place = upright((x, y, floor["height"]), table["wall"]["azimuth"], table["wall"]["distance"])
             self._add_plane("wall", place, (6.0, 5.0), table["wall"]["texture"], table)
         self._cell = cell
 
@@ -175,14 +175,10 @@ class Studio:
         cosine = offset[2] / distance
         data.energy = lamp["irradiance"] * np.pi * np.pi * distance**2 / cosine
         data.size, data.color = lamp["size"], lamp["colour"]
-        place = np.eye(4)
-        place[:3, :3] = _axes_towards(offset / distance)
-        place[:3, 3] = lamp["position"]
+        place = facing(lamp["position"], lamp["target"])
         self._static.append(self._linked("lamp", data, place))
 
-    def _add_plane(
-        self, name: str, place: np.ndarray, size: Any, texture: Any, finish: dict[str, Any]
-    ) -> None:
+    def _add_plane(self, name: str, place: Array, size: Any, texture: Any, finish: dict[str, Any]) -> None:
         mesh = self._bpy.data.meshes.new(name)
         x, y = size[0] / 2, size[1] / 2
         mesh.from_pydata([(-x, -y, 0), (x, -y, 0), (x, y, 0), (-x, y, 0)], [], [(0, 1, 2, 3)])
@@ -196,6 +192,7 @@ class Studio:
         """Swaps in the bodies of a scene unless they lie there already."""
         if bodies == self._bodies:
             return
+        self._bodies = None
         self._remove(self._moving)
         for number, body in enumerate(bodies):
             place = from_quaternion(body["quaternion_xyzw"], body["position"])
@@ -228,7 +225,7 @@ class Studio:
         self._meshes[path] = mesh
         return mesh
 
-    def _linked(self, name: str, data: Any, place: np.ndarray) -> Any:
+    def _linked(self, name: str, data: Any, place: Array) -> Any:
         item = self._bpy.data.objects.new(name, data)
         item.matrix_world = place.T.tolist()
         self._scene.collection.objects.link(item)
@@ -248,47 +245,21 @@ class Studio:
         items.clear()
 
 
-def _pixels_inside(bounds: Box) -> tuple[int, int, int, int]:
-    """The whole pixels that the region touches: left, top, right, bottom, the last two exclusive."""
-    left, top = (int(np.floor(edge + 0.5 + 1e-6)) for edge in bounds[:2])
-    right, bottom = (int(np.ceil(edge + 0.5 - 1e-6)) for edge in bounds[2:])
-    return left, top, right, bottom
-
-
-def _horizontal(centre: Any) -> np.ndarray:
-    place = np.eye(4)
-    place[:3, 3] = centre
-    return place
-
-
-def _upright(foot: Any, azimuth: float, distance: float) -> np.ndarray:
-    """A plane that stands on the floor at a distance from `foot` and faces it."""
-    inwards = -np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-    place = np.eye(4)
-    place[:3, :3] = np.stack([np.cross((0, 0, 1.0), inwards), (0, 0, 1.0), inwards], axis=1)
-    place[:3, 3] = np.array(foot) - distance * inwards
-    return place
-
-
-def _axes_towards(z: np.ndarray) -> np.ndarray:
-    """A rotation whose third axis is `z`."""
-    helper = np.array([1.0, 0, 0]) if abs(z[0]) < 0.9 else np.array([0, 1.0, 0])
-    x = np.cross(helper, z)
-    x = x / np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z], axis=1)
-
-
 def serve(settings: dict[str, Any], reply_descriptor: int) -> None:
     """Answers requests until the standard input ends."""
     with os.fdopen(reply_descriptor, "w") as replies:
-        studio = Studio(settings)
+        stage = Stage(settings)
         replies.write(json.dumps({"ready": True}) + "\n")
         replies.flush()
         for line in sys.stdin:
             try:
-                reply: dict[str, Any] = {"photos": studio.render(json.loads(line))}
+                reply: dict[str, Any] = {"photos": stage.render(json.loads(line))}
             except Exception as error:
-                reply = {"error": f"{type(error).__name__}: {error}", "details": traceback.format_exc()}
+                reply = {
+                    "kind": type(error).__name__,
+                    "error": str(error),
+                    "details": traceback.format_exc(),
+                }
             replies.write(json.dumps(reply) + "\n")
             replies.flush()
 

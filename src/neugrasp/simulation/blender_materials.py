@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 Parameters = dict[str, Any]
@@ -31,7 +31,7 @@ class NodeTree:
         tree.nodes.clear()
         self._nodes, self._links = tree.nodes, tree.links
 
-    def add(self, kind: str, inputs: dict[str | int, Any] | None = None, **attributes: Any) -> Any:
+    def add(self, kind: str, inputs: Mapping[Any, Any] | None = None, **attributes: Any) -> Any:
         """A node; `inputs` holds sockets to link or values to set."""
         node = self._nodes.new(kind)
         for name, value in attributes.items():
@@ -102,7 +102,7 @@ def world_nodes(tree: Any, image: Any, rotation: float, strength: float) -> None
 
 
 def _opaque(nodes: NodeTree, parameters: Parameters, scale: float) -> Socket:
-    inputs: dict[str | int, Any] = {INPUTS[k]: v for k, v in parameters.items() if k in INPUTS}
+    inputs: dict[str, Any] = {INPUTS[k]: v for k, v in parameters.items() if k in INPUTS}
     base = (*parameters["base_color"], 1.0)
     inputs["Base Color"] = base
     if parameters.get("texture"):
@@ -172,13 +172,15 @@ def _marble(nodes: NodeTree, where: Socket, texture: Parameters) -> Socket:
 
 
 def _wood(nodes: NodeTree, where: Socket, texture: Parameters) -> Socket:
-    long = nodes.add("ShaderNodeMapping", {"Vector": where, "Scale": (0.25, 2.0, 2.0)}).outputs[0]
-    rings = _noise(nodes, long, 2.0, 0.6 + texture["distortion"])
-    bands = nodes.math("FRACT", nodes.math("MULTIPLY", rings, 4 + 10 * texture["contrast"]))
-    fibre = nodes.add("ShaderNodeMapping", {"Vector": where, "Scale": (4.0, 90.0, 90.0)}).outputs[0]
-    grain = nodes.math("MULTIPLY", nodes.math("SUBTRACT", _noise(nodes, fibre, 2.0), 0.5), 0.8)
+    """Rings cut lengthwise: stripes along x that meander slowly, with fine fibres."""
+    long = nodes.add("ShaderNodeMapping", {"Vector": where, "Scale": (0.2, 1.0, 1.0)}).outputs[0]
+    meander = nodes.math("MULTIPLY", _noise(nodes, long, 2.0), 4 + 6 * texture["distortion"])
+    across = nodes.add("ShaderNodeSeparateXYZ", {0: where}).outputs[1]
+    rings = nodes.math("FRACT", nodes.math("ADD", meander, across))
+    fibre = nodes.add("ShaderNodeMapping", {"Vector": where, "Scale": (1.0, 40.0, 40.0)}).outputs[0]
+    grain = nodes.math("MULTIPLY", nodes.math("SUBTRACT", _noise(nodes, fibre, 2.0), 0.5), 1.2)
     light, middle, dark = texture["colours"]
-    return nodes.ramp(nodes.math("ADD", bands, grain), [(0.1, light), (0.6, middle), (1.0, dark)])
+    return nodes.ramp(nodes.math("ADD", rings, grain), [(0.0, light), (0.6, middle), (1.0, dark)])
 
 
 def _plain(nodes: NodeTree, where: Socket, texture: Parameters) -> Socket:

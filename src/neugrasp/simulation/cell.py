@@ -11,7 +11,7 @@ from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.view_sets import hemisphere, view_set
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.simulation.scene import Cell
-from neugrasp.simulation.textures import TABLE_PATTERNS, sample_texture
+from neugrasp.simulation.textures import TABLE_PATTERNS, Texture, sample_texture
 
 HDRIS: dict[str, tuple[str, ...]] = {
     "train": ("city", "courtyard", "forest", "night", "studio", "sunset"),
@@ -20,16 +20,17 @@ HDRIS: dict[str, tuple[str, ...]] = {
 """The eight panoramas that come with Blender, divided."""
 
 LUMINANCE: dict[str, float] = {
-    "city": 2.18,
-    "courtyard": 0.68,
-    "forest": 1.50,
-    "interior": 1.79,
-    "night": 0.159,
-    "studio": 0.483,
-    "sunrise": 0.529,
-    "sunset": 0.70,
+    "city": 2.30,
+    "courtyard": 0.94,
+    "forest": 1.72,
+    "interior": 1.82,
+    "night": 0.22,
+    "studio": 0.74,
+    "sunrise": 0.96,
+    "sunset": 0.80,
 }
-"""Radiance of a white diffuse table under each panorama; cameras expose for it."""
+"""Radiance of white paper under each panorama, for which cameras expose: the geometric mean of paper that
+lies flat and of paper tilted by 45 degrees to the brightest side. A low sun lights upright sides most."""
 
 TABLE_SIZE = (0.898, 1.3)
 """Metres (method.md E)."""
@@ -52,12 +53,13 @@ def sample_cell(
     rng = np.random.default_rng([seed, SPLITS.index(split), 20250])
     inputs = view_set(view_set_name, workspace, rng)
     cameras = [*inputs, *hemisphere(workspace, rng, num_targets)]
+    light, table = _light(workspace, rng, split), _table(workspace, rng, split)
     return Cell(
         seed=seed,
         cameras=tuple(_cropped(workspace, camera, size) for camera in cameras),
         num_inputs=len(inputs),
-        light=_light(workspace, rng, split),
-        table=_table(workspace, rng, split),
+        light={**light, "exposure": light["exposure"] + _compensation(table["texture"])},
+        table=table,
     )
 
 
@@ -76,9 +78,15 @@ def _light(workspace: Workspace, rng: np.random.Generator, split: str) -> dict[s
         "hdri": hdri,
         "rotation": float(rng.uniform(-np.pi, np.pi)),
         "strength": float(strength / LUMINANCE[hdri]),
-        "exposure": float(-np.log2(1 + added) - 0.2),
+        "exposure": float(-np.log2(1 + added)),
         "lamps": lamps,
     }
+
+
+def _compensation(texture: Texture) -> float:
+    """Stops by which a camera with automatic exposure opens over a dark table or closes over a bright one."""
+    brightness = float(np.mean(texture["colours"]))
+    return float(np.clip(0.4 * np.log2(0.3 / brightness), -0.4, 0.8))
 
 
 def _lamp(workspace: Workspace, rng: np.random.Generator) -> dict[str, Any]:
@@ -105,17 +113,17 @@ def _table(workspace: Workspace, rng: np.random.Generator, split: str) -> dict[s
         wall = {
             "azimuth": float(rng.uniform(0, 2 * np.pi)),
             "distance": float(rng.uniform(1.0, 2.5)),
-            "texture": sample_texture(rng, ("plain", "tiles", "planks", "marble")),
+            "texture": sample_texture(rng, ("plain", "tiles", "planks", "marble"), flat=True),
         }
     return {
         "centre": [float(centre[0] + shift[0]), float(centre[1] + shift[1]), workspace.table_height],
         "size": list(TABLE_SIZE),
-        "texture": sample_texture(rng, TABLE_PATTERNS),
+        "texture": sample_texture(rng, TABLE_PATTERNS, flat=True),
         "roughness": float(rng.uniform(0.25, 0.95)),
         "specular": float(rng.uniform(0.1, 0.5)),
         "floor": {
             "height": workspace.table_height - FLOOR_DROP,
-            "texture": sample_texture(rng, TABLE_PATTERNS),
+            "texture": sample_texture(rng, TABLE_PATTERNS, flat=True),
         },
         "wall": wall,
     }

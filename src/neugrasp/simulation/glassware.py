@@ -11,7 +11,7 @@ from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array
 from neugrasp.simulation import revolution
 from neugrasp.simulation.meshes import Mesh, write_obj
-from neugrasp.simulation.objects import ObjectModel, cache_folder
+from neugrasp.simulation.objects import ObjectModel, cache_folder, triple
 from neugrasp.simulation.revolution import Vessel
 
 GLASS_DENSITY = 2500.0
@@ -47,22 +47,23 @@ class GlasswareSet:
         return tuple(f"{_FAMILY_NAMES[n % len(FAMILIES)]}_{n:03d}" for n in numbers)
 
     def model(self, name: str) -> ObjectModel:
-        """The object, with its origin at its centre of mass; meshes are written once into the cache."""
+        """The object, with its origin in its middle; meshes are written once into the cache."""
         if name not in self.names("train", "pile") + self.names("test", "pile"):
             raise InputError(
                 f"no glassware called {name!r}; names are like {self.names('train', 'pile')[0]!r}"
             )
         solid = make(name)
         volume, centre = solid.surface.volume_and_centroid()
+        middle = solid.surface.middle
         visual, collision = (
-            cache_folder() / "glassware-1" / f"{name}_{part}.obj" for part in ("visual", "collision")
+            cache_folder() / "glassware-2" / f"{name}_{part}.obj" for part in ("visual", "collision")
         )
         if not visual.exists():
-            write_obj(visual, (solid.surface.transformed(1.0, -centre),))
+            write_obj(visual, (solid.surface.transformed(1.0, -middle),))
         if not collision.exists():
-            write_obj(collision, tuple(part.transformed(1.0, -centre) for part in solid.convex))
+            write_obj(collision, tuple(part.transformed(1.0, -middle) for part in solid.convex))
         mass = float(np.clip(volume * solid.density, *_MASS_LIMITS))
-        return ObjectModel(name, visual, (collision,), mass)
+        return ObjectModel(name, visual, (collision,), mass, centre_of_mass=triple(centre - middle))
 
 
 def make(name: str) -> Solid:

@@ -31,6 +31,12 @@ class Mesh:
         extents: Array = np.ptp(self.vertices, axis=0)
         return extents
 
+    @property
+    def middle(self) -> Array:
+        """Centre (3,) of the axis-aligned bounding box: scenes put it half a height above the table."""
+        middle: Array = (self.vertices.min(axis=0) + self.vertices.max(axis=0)) / 2
+        return middle
+
     def volume_and_centroid(self) -> tuple[float, Array]:
         """Signed volume and centre of mass of the solid inside; parts that overlap count twice."""
         middle = self.vertices.mean(axis=0)

@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from neugrasp.errors import InputError, MissingExtra
+from neugrasp.geometry.pose import Array
 from neugrasp.simulation.meshes import merged, read_obj, write_obj
 
 SPLITS = ("train", "test")
@@ -160,18 +161,24 @@ class PybulletSet:
         return tuple(f"{number:03d}" for number in numbers if number != 168)
 
     def model(self, name: str) -> ObjectModel:
-        """The object, moved to its centre of mass; its smaller horizontal width lies in 3 to 6.5 cm."""
+        """The object with its origin in its middle; its smaller horizontal width is at most 6.5 cm."""
         source = pybullet_data_folder() / "random_urdfs" / name / f"{name}.obj"
         parts = read_obj(source)
         whole = merged(parts)
         volume, centre = whole.volume_and_centroid()
         width = 0.03 + 0.035 * stable_fraction(f"pybullet {name}")
         scale = min(width / float(whole.extents[:2].min()), 0.15 / float(whole.extents.max()))
-        path = cache_folder() / "pybullet-1" / f"{name}.obj"
+        path = cache_folder() / "pybullet-2" / f"{name}.obj"
         if not path.exists():
-            write_obj(path, tuple(part.transformed(scale, -scale * centre) for part in parts))
+            write_obj(path, tuple(part.transformed(scale, -scale * whole.middle) for part in parts))
         mass = float(np.clip(volume * scale**3 * self.density, 0.01, 0.5))
-        return ObjectModel(name, path, (path,), mass)
+        return ObjectModel(name, path, (path,), mass, centre_of_mass=triple(scale * (centre - whole.middle)))
+
+
+def triple(vector: Array) -> tuple[float, float, float]:
+    """A vector of three as plain numbers."""
+    x, y, z = vector.tolist()
+    return x, y, z
 
 
 def pybullet_data_folder() -> Path:

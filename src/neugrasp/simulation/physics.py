@@ -234,8 +234,10 @@ class World:
         )
         tray = client.createMultiBody(0, shape, self._unseen(), self.workspace.centre)
         client.changeDynamics(tray, -1, lateralFriction=TABLE_FRICTION)
-        yield
-        client.removeBody(tray)
+        try:
+            yield
+        finally:
+            client.removeBody(tray)
 
     def hand(self) -> Hand:
         """The gripper, brought in where it is not there yet."""

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from neugrasp.errors import MissingExtra, NeuGraspError
+from neugrasp.errors import InputError, MissingExtra, NeuGraspError
 from neugrasp.simulation.scene import Cell, Scene, camera_to_dict
 
 log = logging.getLogger(__name__)
@@ -30,13 +30,12 @@ Photo = NDArray[np.uint8]
 """(height, width, 3), sRGB."""
 
 
+START_TIMEOUT_S = 180.0
+"""Blender starts in 2 s on an idle machine."""
+
+
 class RenderError(NeuGraspError):
     """Blender could not make a photo, twice."""
-
-
-class _Model(Protocol):
-    @property
-    def visual_mesh(self) -> Path: ...
 
 
 class MeshSource(Protocol):
@@ -50,13 +49,14 @@ class MeshSource(Protocol):
 class RenderSettings:
     """What trades picture quality for time."""
 
-    samples: int = 6
+    samples: int = 8
+    """A power of two: with others the scene and its background differ visibly where nothing changed."""
     denoise: str = "FAST"
     """Quality of OpenImageDenoise: FAST, BALANCED, HIGH, or OFF."""
     prefilter: str = "FAST"
     """Treatment of the denoiser's guides: NONE, FAST, ACCURATE."""
-    view_transform: str = "Filmic"
-    look: str = "Medium High Contrast"
+    view_transform: str = "Standard"
+    """Plain sRGB, which clips highlights as a small camera does."""
     cycles: dict[str, Any] = field(default_factory=dict)
     """Further settings of Cycles by Blender's names, for measurements."""
 
@@ -68,7 +68,7 @@ class _Gone(Exception):
 class Renderer:
     """Use as a context manager. The same request gives the same photos, whatever was rendered before."""
 
-    def __init__(self, threads: int = 2, settings: RenderSettings | None = None, timeout_s: float = 120.0):
+    def __init__(self, threads: int = 2, settings: RenderSettings | None = None, timeout_s: float = 180.0):
         if importlib.util.find_spec("bpy") is None:
             raise MissingExtra("bpy", "render")
         self._settings = {"threads": threads, **asdict(settings or RenderSettings())}
@@ -90,12 +90,17 @@ class Renderer:
             self._folder.cleanup()
             self._folder = None
 
+    @property
+    def process_id(self) -> int | None:
+        """Of the Blender process; None before the first photo."""
+        return None if self._process is None else self._process.pid
+
     def render(
         self, cell: Cell, scene: Scene | None, library: MeshSource, camera_indices: Sequence[int]
     ) -> list[Photo]:
         """One photo per camera index of the cell; `scene` None gives the empty table.
 
-        Raises `RenderError` when Blender fails twice in a row.
+        Raises `InputError` for an unusable mesh and `RenderError` when Blender fails twice in a row.
         """
         assert self._folder is not None, "use Renderer in a with statement"
         request = {
@@ -110,6 +115,8 @@ class Renderer:
             except _Gone as gone:
                 log.warning("Blender %s (attempt %d of 2)", gone, attempt)
                 reply = {"error": str(gone), "details": self._log_tail()}
+            if reply.get("kind") == "InputError":
+                raise InputError(reply["error"])
             if "photos" in reply:
                 cameras = [cell.cameras[i] for i in camera_indices]
                 return [_read(p, c.width, c.height) for p, c in zip(reply["photos"], cameras, strict=True)]
@@ -127,7 +134,7 @@ class Renderer:
             self._process.stdin.flush()
         except OSError as error:
             raise _Gone("died") from error
-        return self._reply(self._timeout_s + 30.0 * len(request["cameras"]))
+        return self._reply(self._timeout_s)
 
     def _start(self) -> None:
         assert self._folder is not None
@@ -146,7 +153,7 @@ class Renderer:
             )
         os.close(sending)
         self._replies, self._pending = receiving, b""
-        self._reply(self._timeout_s)
+        self._reply(START_TIMEOUT_S)
 
     def _reply(self, timeout_s: float) -> dict[str, Any]:
         """The next line of the reply pipe, decoded. Raises `_Gone` on its end or on a time-out."""
@@ -202,9 +209,11 @@ def _bodies_data(scene: Scene, library: MeshSource) -> list[dict[str, Any]]:
 def _read(photo: dict[str, Any], width: int, height: int) -> Photo:
     """The rendered part, its edge repeated over what lies outside the sensor."""
     left, top, right, bottom = photo["border"]
-    pixels = np.asarray(Image.open(photo["file"]).convert("RGB"))
+    margin = photo["margin"]
+    rendered = np.asarray(Image.open(photo["file"]).convert("RGB"))
+    pixels = rendered[margin:-margin, margin:-margin]
     if pixels.shape[:2] != (bottom - top, right - left):
         raise RenderError(
-            f"Blender rendered {pixels.shape[1]} x {pixels.shape[0]} pixels for {photo['border']}"
+            f"Blender rendered {pixels.shape[1]} x {pixels.shape[0]} pixels of {photo['border']}"
         )
     return np.pad(pixels, ((top, height - bottom), (left, width - right), (0, 0)), mode="edge")

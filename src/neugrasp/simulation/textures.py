@@ -14,12 +14,12 @@ TABLE_PATTERNS = ("wood", "tiles", "planks", "checker", "marble", "fabric", "pla
 OBJECT_PATTERNS = ("noise", "marble", "cells", "checker", "bands", "magic", "speckled", "label")
 
 SCALES: dict[str, tuple[float, float]] = {
-    "wood": (3, 12),
-    "tiles": (2, 15),
-    "planks": (2, 8),
+    "wood": (5, 16),
+    "tiles": (4, 30),
+    "planks": (5, 20),
     "checker": (10, 50),
     "marble": (3, 20),
-    "fabric": (120, 400),
+    "fabric": (80, 250),
     "plain": (5, 40),
     "speckled": (60, 300),
     "cells": (15, 80),
@@ -31,18 +31,19 @@ SCALES: dict[str, tuple[float, float]] = {
 """Features per metre, drawn log-uniformly: a table at 0.5 m shows 0.3 m of itself."""
 
 
-def sample_texture(rng: np.random.Generator, patterns: tuple[str, ...]) -> Texture:
-    """A random texture of one of the given patterns."""
+def sample_texture(rng: np.random.Generator, patterns: tuple[str, ...], flat: bool = False) -> Texture:
+    """A random texture of one of the given patterns; `flat` keeps it upright, for planes with normal z."""
     pattern = str(rng.choice(patterns))
     low, high = SCALES[pattern]
+    turn = rng.uniform(-np.pi, np.pi, size=3)
     return {
         "pattern": pattern,
         "colours": wood_colours(rng) if pattern in ("wood", "planks") else palette(rng),
         "scale": float(np.exp(rng.uniform(np.log(low), np.log(high)))),
         "offset": rng.uniform(-10, 10, size=3).round(4).tolist(),
-        "rotation": rng.uniform(-np.pi, np.pi, size=3).round(4).tolist(),
+        "rotation": [0.0, 0.0, round(float(turn[2]), 4)] if flat else turn.round(4).tolist(),
         "distortion": float(rng.uniform(0, 1)),
-        "contrast": float(rng.uniform(0.15, 1)),
+        "contrast": float(rng.uniform(0.4, 1)),
     }
 
 
@@ -52,7 +53,7 @@ def colour(rng: np.random.Generator) -> list[float]:
     value = rng.uniform(0.2, 0.93)
     encoded = np.array(colorsys.hsv_to_rgb(hue, saturation, value))
     linear = encoded**2.2
-    return np.clip(linear, 0.02, 0.85).round(4).tolist()  # type: ignore[no-any-return]
+    return np.clip(linear, 0.02, 0.85).round(4).tolist()
 
 
 def palette(rng: np.random.Generator) -> list[list[float]]:

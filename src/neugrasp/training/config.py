@@ -16,8 +16,8 @@ class LossWeights:
     eikonal: float = 0.1
     grasp: float = 0.01
     carving: float = 0.1
-    """Background carving along the rendered rays: cross-entropy of what pixels that changed, or did not, say of
-    the space in front of them."""
+    """Background carving along the rendered rays: cross-entropy of what pixels that changed, or did not, say
+    of the space in front of them."""
     grid_carving: float = 0.1
     """The same along rays of all photos through the grid."""
     tsdf: float = 0.0

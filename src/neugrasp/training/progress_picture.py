@@ -15,6 +15,9 @@ from neugrasp.training.samples import Sample
 from neugrasp.training.validation import reconstruct, render_view
 from neugrasp.views import Image
 
+TILE = 320
+"""Edge of one picture, pixels."""
+
 
 def save_progress_picture(path: Path, model: NeuGrasp, sample: Sample, sharpness: float) -> None:
     """A held-out view as photographed, as rendered and with what changed in it; true and predicted slices."""
@@ -28,8 +31,8 @@ def save_progress_picture(path: Path, model: NeuGrasp, sample: Sample, sharpness
         Tile(_bytes(photo), "held-out photo"),
         Tile(_bytes(image), "rendered"),
         Tile(_changes(sample.targets.changes[0].numpy()), "changed (white), same (black)"),
-        Tile(slice_picture(truth, workspace, index=slice_at), "true TSDF"),
-        Tile(slice_picture(tsdf, workspace, index=slice_at), "predicted TSDF"),
+        Tile(slice_picture(truth, workspace, index=slice_at, size=TILE), "true TSDF"),
+        Tile(slice_picture(tsdf, workspace, index=slice_at, size=TILE), "predicted TSDF"),
         Tile(_bytes(np.repeat(quality[..., None], 3, axis=2)), "best grasp quality, from the side"),
     ]
     PilImage.fromarray(contact_sheet(tiles, columns=3)).save(path)
@@ -37,7 +40,7 @@ def save_progress_picture(path: Path, model: NeuGrasp, sample: Sample, sharpness
 
 def _bytes(image: np.ndarray) -> Image:
     values = (np.clip(image, 0, 1) * 255).astype(np.uint8)
-    return np.asarray(PilImage.fromarray(values).resize((320, 320), PilImage.Resampling.NEAREST))
+    return np.asarray(PilImage.fromarray(values).resize((TILE, TILE), PilImage.Resampling.NEAREST))
 
 
 def _changes(labels: np.ndarray) -> Image:
