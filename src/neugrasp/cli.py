@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.evaluation.commands import Compare, Evaluate, Results, Story
 
 if TYPE_CHECKING:
     from neugrasp.detection.detector import Detection
@@ -171,11 +172,60 @@ class Train:
         print(weights)
 
 
-COMMANDS: dict[str, Callable[..., Demo | Predict | Generate | Train]] = {
+@dataclass(frozen=True)
+class Validate:
+    """Held-out scenes: how good the surface is, and whether the best grasp holds when it is executed.
+
+    One attempt from each untouched scene, beside the same grasp head on the true surface and random antipodal
+    grasps on it. Goes on where it stopped.
+    """
+
+    data: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="DIR [DIR ...]")]
+    """Folders made by `neugrasp generate`, or of shards packed from them."""
+    out: Folder
+    """Where held_out.json and attempts.jsonl are written."""
+    weights: str = "neugrasp"
+    """A name of bundled weights, or a file."""
+    gripper: str = "panda"
+    """A name of a bundled gripper, or a file."""
+    objects: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """The folder of URDF objects that the scenes were made of, where they were."""
+    threshold: float = 0.9
+    """Predicted probability of success below which nothing is tried."""
+    seed: int = 0
+    """Of the random antipodal grasps."""
+
+    def run(self) -> None:
+        from neugrasp.evaluation.held_out import HeldOutRun, run_held_out
+        from neugrasp.evaluation.held_out_table import held_out_table
+
+        summary = run_held_out(
+            HeldOutRun(
+                data=self.data,
+                out=self.out,
+                weights=self.weights,
+                gripper=self.gripper,
+                objects=self.objects,
+                threshold=self.threshold,
+                seed=self.seed,
+            )
+        )
+        print(held_out_table(summary))
+        print(f"\n{self.out / 'held_out.json'}")
+
+
+Command = Demo | Predict | Generate | Train | Validate | Evaluate | Compare | Story | Results
+_positional = tyro.conf.configure(tyro.conf.PositionalRequiredArgs)
+COMMANDS: dict[str, Callable[..., Command]] = {
     "demo": Demo,
     "predict": Predict,
     "generate": Generate,
     "train": Train,
+    "validate": Validate,
+    "evaluate": Evaluate,
+    "compare": _positional(Compare),
+    "story": _positional(Story),
+    "results": Results,
 }
 
 
@@ -189,7 +239,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         args=arguments,
     )
     try:
-        command.run()
+        report = command.run()
+        if report is not None:
+            print(report)
     except KeyboardInterrupt:
         print("neugrasp: interrupted", file=sys.stderr)
         return 130

@@ -81,7 +81,9 @@ def _opposite(
     outside = np.flatnonzero(values > 0)
     if len(outside) == 0 or outside[0] == 0:
         return None
-    end = start + distances[outside[0]] * direction
+    before, after = outside[0] - 1, outside[0]
+    share = values[before] / (values[before] - values[after])
+    end = start + (distances[before] + share * (distances[after] - distances[before])) * direction
     gradient = _gradient(tsdf, end / workspace.voxel_size - 0.5)
     length = np.linalg.norm(gradient)
     return None if length < 1e-6 else (end, gradient / length)

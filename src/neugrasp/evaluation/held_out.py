@@ -6,8 +6,11 @@ under the paper's rule, contacts on the way allowed. Not the decluttering benchm
 
 from __future__ import annotations
 
+import hashlib
 import json
 import logging
+import math
+import zlib
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -24,7 +27,8 @@ from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
-from neugrasp.metrics import wilson_interval
+from neugrasp.metrics import CONSTANTS, l1_by_mask, wilson_interval
+from neugrasp.model.checkpoint import find_weights
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.trials import execute
 from neugrasp.training.samples import prepare_record, sample_of
@@ -43,7 +47,7 @@ class Attempt:
     record: str
     kind: str
     materials: str
-    """The material of all bodies, or "mixed"."""
+    """As `material_of` says."""
     detector: str
     num_grasps: int
     success: bool
@@ -51,12 +55,16 @@ class Attempt:
     score: float
 
 
+def material_of(record: Record) -> str:
+    """The material of all bodies, or "mixed"."""
+    kinds = set(record.materials)
+    return kinds.pop() if len(kinds) == 1 else "mixed"
+
+
 def attempts_of(
     record: Record, detector: NeuGraspDetector, world: World, rng: np.random.Generator
 ) -> Iterator[Attempt]:
     """The best grasp of every detector, executed in the record's scene."""
-    kinds = set(record.materials)
-    material = kinds.pop() if len(kinds) == 1 else "mixed"
     for name in DETECTORS:
         grasps = find_grasps(name, record, detector, rng)
         success, reason = False, "nothing detected"
@@ -65,7 +73,9 @@ def attempts_of(
             trial = execute(world, grasps[0], rule="paper", allow_contact=True)
             success, reason = trial.success, trial.reason
         score = grasps[0].score if grasps else 0.0
-        yield Attempt(record.name, record.kind, material, name, len(grasps), success, reason, score)
+        yield Attempt(
+            record.name, record.kind, material_of(record), name, len(grasps), success, reason, score
+        )
 
 
 def find_grasps(
@@ -106,31 +116,64 @@ class HeldOutRun:
 def run_held_out(run: HeldOutRun) -> dict[str, Any]:
     """Writes attempts.jsonl and held_out.json to `run.out` and returns what the latter holds.
 
-    Goes on where it stopped: records that have their attempts already are not tried again.
+    Goes on where it stopped: records that have their attempts already are not tried again. Raises
+    `InputError` where `run.out` holds attempts of other weights or options.
     """
     from neugrasp.simulation.objects import ObjectLibrary
-    from neugrasp.training.data import read_records
 
-    records = [record for folder in run.data for record in read_records(folder)]
-    if not records:
-        raise InputError("no records to validate on")
+    records = _read_all(run.data)
     detector = NeuGraspDetector.load(run.weights, run.gripper, threshold=run.threshold)
-    run.out.mkdir(parents=True, exist_ok=True)
-    path = run.out / "attempts.jsonl"
-    done = _finished(path)
     sets = sorted({body.object_set for record in records for body in record.scene.bodies})
     library = ObjectLibrary.open(sets, run.objects)
+    run.out.mkdir(parents=True, exist_ok=True)
+    facts = _describe(run)
+    path = run.out / "attempts.jsonl"
+    missing = [record for record in records if record.name not in _finished(path)]
     with World(Workspace(), library, detector.gripper) as world, path.open("a") as file:
-        for index, record in enumerate(records):
-            if record.name in done:
-                continue
-            rng = np.random.default_rng([run.seed, index])
+        for index, record in enumerate(missing):
+            rng = np.random.default_rng([run.seed, zlib.crc32(record.name.encode())])
             lines = [json.dumps(asdict(attempt)) for attempt in attempts_of(record, detector, world, rng)]
             file.write("".join(line + "\n" for line in lines))
             file.flush()
             if (index + 1) % 10 == 0:
-                log.info("%d of %d records", index + 1, len(records))
-    return _summarise(run, records, detector, path)
+                log.info("%d of %d records", index + 1, len(missing))
+    summary = {**facts, **_summarise(records, detector, path)}
+    (run.out / "held_out.json").write_text(json.dumps(summary, indent=1) + "\n")
+    return summary
+
+
+def _read_all(folders: tuple[Path, ...]) -> list[Record]:
+    from neugrasp.training.data import read_records
+
+    records = [record for folder in folders for record in read_records(folder)]
+    counts = Counter(record.name for record in records)
+    if doubled := [name for name, count in counts.items() if count > 1]:
+        raise InputError(f"record {doubled[0]!r} is in two of the folders; names must differ")
+    if not records:
+        raise InputError("no records to validate on")
+    return records
+
+
+def _describe(run: HeldOutRun) -> dict[str, Any]:
+    """What the attempts depend on besides the records: written to run.json or compared with it."""
+    weights = find_weights(run.weights)
+    facts = {
+        "weights": weights.stem,
+        "weights_sha256": hashlib.sha256(weights.read_bytes()).hexdigest(),
+        "gripper": run.gripper,
+        "threshold": run.threshold,
+        "seed": run.seed,
+    }
+    path = run.out / "run.json"
+    if not path.is_file():
+        path.write_text(json.dumps(facts, indent=1) + "\n")
+    elif (found := json.loads(path.read_text())) != facts:
+        other = next(key for key in facts if found.get(key) != facts[key])
+        raise InputError(
+            f"{run.out}: holds attempts with {other} = {found.get(other)!r}, not {facts[other]!r}; "
+            "choose another --out"
+        )
+    return facts
 
 
 def _finished(path: Path) -> set[str]:
@@ -146,30 +189,41 @@ def _finished(path: Path) -> set[str]:
     counts = Counter(line["record"] for line in lines)
     done = {name for name, count in counts.items() if count == len(DETECTORS)}
     kept = [json.dumps(line) for line in lines if line["record"] in done]
-    path.write_text("".join(line + "\n" for line in kept))
+    temporary = path.with_suffix(".tmp")
+    temporary.write_text("".join(line + "\n" for line in kept))
+    temporary.replace(path)
     return done
 
 
-def _summarise(
-    run: HeldOutRun, records: list[Record], detector: NeuGraspDetector, path: Path
-) -> dict[str, Any]:
-    attempts = [json.loads(line) for line in path.read_text().splitlines()]
+def _summarise(records: list[Record], detector: NeuGraspDetector, path: Path) -> dict[str, Any]:
+    names = {record.name for record in records}
     groups: dict[str, list[dict[str, Any]]] = defaultdict(list)
-    for attempt in attempts:
-        groups[f"{attempt['kind']}/{attempt['detector']}"].append(attempt)
+    for attempt in map(json.loads, path.read_text().splitlines()):
+        if attempt["record"] in names:
+            groups[f"{attempt['kind']}/{attempt['detector']}"].append(attempt)
     success = {name: _rate(group) for name, group in sorted(groups.items())}
     by_material: dict[str, list[Record]] = defaultdict(list)
     for record in records:
-        kinds = set(record.materials)
-        by_material[kinds.pop() if len(kinds) == 1 else "mixed"].append(record)
+        by_material[material_of(record)].append(record)
     size = detector.model.config.image_size
     scores = {}
     for material, some in sorted(by_material.items()):
         samples = [sample_of(prepare_record(record), Workspace(), size, None) for record in some]
-        scores[material] = {"records": len(some), **validate(detector.model, samples, 400.0)}
-    summary = {"weights": run.weights, "threshold": run.threshold, "success": success, "by_material": scores}
-    (run.out / "held_out.json").write_text(json.dumps(summary, indent=1) + "\n")
-    return summary
+        means = validate(detector.model, samples, 400.0) | _constants(some)
+        # JSON has no NaN: what no record has, such as the AUC of labels that all failed, is null.
+        defined = {name: value if math.isfinite(value) else None for name, value in means.items()}
+        scores[material] = {"records": len(some), **defined}
+    return {"records": len(records), "success": success, "by_material": scores}
+
+
+def _constants(records: list[Record]) -> dict[str, float]:
+    """The L1 of predictors that know nothing, under every mask."""
+    errors: dict[str, list[float]] = defaultdict(list)
+    for record in records:
+        for constant in CONSTANTS:
+            for mask, error in l1_by_mask(constant, record.tsdf).items():
+                errors[f"l1_{mask}_constant_{constant:+.0f}"].append(error)
+    return {name: float(np.mean(values)) for name, values in errors.items()}
 
 
 def _rate(group: list[dict[str, Any]]) -> dict[str, Any]:

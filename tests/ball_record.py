@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
-import pytest
 
 from neugrasp.data.labels import Labels
 from neugrasp.data.records import Record
@@ -14,8 +11,6 @@ from neugrasp.geometry.pose import look_at, to_quaternion
 from neugrasp.geometry.view_sets import hemisphere, view_set
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.simulation.scene import Body, Material, Scene
-
-MakeRecord = Callable[..., Record]
 
 
 def photo(camera: Camera, ball: tuple[np.ndarray, float] | None) -> tuple[np.ndarray, np.ndarray]:
@@ -91,9 +86,3 @@ def ball_labels(ball: tuple[np.ndarray, float], rng: np.random.Generator) -> Lab
         widths=np.full(40, 2 * ball[1], dtype=np.float32),
         success=np.arange(40) < 20,
     )
-
-
-@pytest.fixture
-def make_record() -> MakeRecord:
-    """`ball_record`, as a fixture."""
-    return ball_record
