@@ -127,6 +127,22 @@ class Generate:
 
 
 @dataclass(frozen=True)
+class Pack:
+    """Packs generated scenes into a few files of at most 60 MB, to be trained on elsewhere."""
+
+    data: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="DIR [DIR ...]")]
+    """Folders made by `neugrasp generate`."""
+    out: Folder
+    """Where the shards and their index are written; `train --data` reads this folder."""
+
+    def run(self) -> None:
+        from neugrasp.data.shards import Shards, pack
+
+        pack([folder / "scenes" for folder in self.data], self.out)
+        print(f"{len(Shards(self.out))} scenes in {self.out}")
+
+
+@dataclass(frozen=True)
 class Train:
     """Trains the network on generated scenes. Goes on with --resume exactly where it stopped."""
 
@@ -214,12 +230,13 @@ class Validate:
         print(f"\n{self.out / 'held_out.json'}")
 
 
-Command = Demo | Predict | Generate | Train | Validate | Evaluate | Compare | Story | Results
+Command = Demo | Predict | Generate | Pack | Train | Validate | Evaluate | Compare | Story | Results
 _positional = tyro.conf.configure(tyro.conf.PositionalRequiredArgs)
 COMMANDS: dict[str, Callable[..., Command]] = {
     "demo": Demo,
     "predict": Predict,
     "generate": Generate,
+    "pack": Pack,
     "train": Train,
     "validate": Validate,
     "evaluate": Evaluate,
