@@ -26,6 +26,18 @@ def test_a_true_distance_has_no_eikonal_loss_and_a_scaled_one_has():
     assert_close(eikonal_loss(2 * sphere, seen, workspace), torch.tensor(1.0), atol=0.05, rtol=0)
 
 
+def test_a_pattern_from_voxel_to_voxel_is_not_free():
+    """Central differences would call this checkerboard constant."""
+    workspace = Workspace()
+    index = torch.arange(40)
+    board = (index[:, None, None] + index[None, :, None] + index[None, None, :]) % 2
+    plane = torch.from_numpy(workspace.voxel_centres()[..., 2] - 0.15).float() / workspace.truncation
+    seen = torch.ones(40, 40, 40, dtype=torch.bool)
+    clean = eikonal_loss(plane, seen, workspace)
+    assert clean < 1e-4
+    assert eikonal_loss(plane + 0.3 * (board - 0.5), seen, workspace) > 0.5
+
+
 def test_a_half_turn_about_the_approach_is_the_same_rotation():
     truth = Rotation.random(20, random_state=1)
     turned = truth * Rotation.from_euler("z", np.pi)

@@ -25,20 +25,22 @@ def _block(channels_in: int, channels_out: int, stride: int = 1) -> nn.Sequentia
 
 
 class _Up(nn.Module):
+    """Doubles the resolution, adds the skip. Transposed convolutions would print their stride into the SDF."""
+
     def __init__(self, channels_in: int, channels_out: int):
         super().__init__()
-        self.up = nn.ConvTranspose3d(channels_in, channels_out, 3, 2, 1, output_padding=1, bias=False)
-        self.norm = nn.GroupNorm(max(1, channels_out // 8), channels_out)
+        self.body = _block(channels_in, channels_out)
 
     def forward(self, x: Tensor, skip: Tensor) -> Tensor:
-        return F.relu(self.norm(self.up(x))) + skip
+        up: Tensor = self.body(F.interpolate(x, scale_factor=2.0, mode="nearest"))
+        return up + skip
 
 
 class VolumeNet(nn.Module):
     """Per-view features at the voxels -> a prior volume (volume_dim, x, y, z).
 
-    The paper's network with group normalisation in place of batch normalisation: a step sees one scene,
-    and both priors go through the same weights.
+    The paper's network with group normalisation in place of batch normalisation (a step sees one scene, and
+    both priors go through the same weights) and nearest upsampling in place of transposed convolutions.
     """
 
     def __init__(self, config: ModelConfig):

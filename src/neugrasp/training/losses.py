@@ -44,17 +44,18 @@ def carving_loss(
 
 
 def eikonal_loss(sdf: Tensor, seen: Tensor, workspace: Workspace) -> Tensor:
-    """Mean of (|gradient| - 1)^2 by central differences on the grid, where the distance is not truncated.
+    """Mean of (|gradient| - 1)^2 by differences on the grid, where the distance is not truncated.
 
-    sdf (r, r, r) in truncation units, so that lengths are metres over metres; `seen` (r, r, r) bool.
+    sdf (r, r, r) in truncation units, so that lengths are metres over metres; `seen` (r, r, r) bool. The
+    square of a derivative is the mean of those to either neighbour: central differences would not see a
+    pattern that alternates from voxel to voxel, and the network would find it.
     """
-    metres = sdf * workspace.truncation
-    step = 2 * workspace.voxel_size
+    slope = sdf * (workspace.truncation / workspace.voxel_size)
     core = (slice(1, -1),) * 3
-    gradient = torch.stack(
-        [(metres.roll(-1, axis)[core] - metres.roll(1, axis)[core]) / step for axis in range(3)]
-    )
-    norm = (gradient.square().sum(0) + 1e-8).sqrt()
+    squares = [
+        ((slope.roll(shift, axis) - slope)[core]).square() / 2 for axis in range(3) for shift in (-1, 1)
+    ]
+    norm = (torch.stack(squares).sum(0) + 1e-8).sqrt()
     counts = (sdf.detach().abs() < 1)[core] & seen[core]
     return ((norm - 1).square() * counts).sum() / counts.sum().clamp(min=1)
 
