@@ -1,8 +1,8 @@
 """Which pixels changed because an object is there: RGB against background, nothing else.
 
 A pixel that did not change says that all the space in front of it is free; one that changed as an object
-changes it says that there is matter. Shadows and reflections on the table change brightness smoothly and
-alike in all colours, so they count as neither; nor do the surroundings of an edge.
+changes it says that there is matter. One that only became smoothly darker, alike in all colours and away from
+every rim, lies in a shadow, and the space in front of it is probably free, too. The rest says nothing.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from scipy import ndimage
 
 from neugrasp.views import Image
 
-SAME, OBJECT, UNSURE = 0, 1, -1
+SAME, OBJECT, SHADOW, UNSURE = 0, 1, 2, -1
 OFFSET = 0.06
 """Added before logarithms, so that noise in dark pixels does not count as contrast."""
 
 
 def change_labels(image: Image, background: Image) -> NDArray[np.int8]:
-    """Labels (h, w) of the pixels: SAME, OBJECT or UNSURE, from photos (h, w, 3)."""
+    """Labels (h, w) of the pixels: SAME, OBJECT, SHADOW or UNSURE, from photos (h, w, 3)."""
     scene = image.astype(np.float32) / 255
     empty = background.astype(np.float32) / 255
     difference = np.abs(scene - empty).sum(-1)
@@ -34,8 +34,12 @@ def change_labels(image: Image, background: Image) -> NDArray[np.int8]:
     object_like = ndimage.binary_fill_holes(_closed(object_like, 4))
     nearby = ndimage.maximum_filter(ndimage.uniform_filter(difference, 3), 5)
     labels = np.full(difference.shape, UNSURE, dtype=np.int8)
-    # Clear glass before a plain table looks like the table: what its rims surround is left open.
-    labels[(nearby < 0.05) & ~_closed(object_like, 12)] = SAME
+    # Clear glass before a plain table looks like the table or a shadow: what its rims surround stays open.
+    surrounded = _closed(object_like, 12)
+    shaded = (chroma < 0.05) & (texture < 0.02) & (brightness < 0.02)
+    shaded = ndimage.binary_erosion(shaded) & ~ndimage.binary_dilation(object_like)
+    labels[shaded & ~surrounded] = SHADOW
+    labels[(nearby < 0.05) & ~surrounded] = SAME
     labels[ndimage.binary_erosion(object_like, iterations=2)] = OBJECT
     return labels
 

@@ -9,9 +9,11 @@ from torch import Tensor
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.grasp_head import GraspVolume
 from neugrasp.model.rendering import Rays, Rendered
-from neugrasp.training.change import OBJECT, SAME
+from neugrasp.training.change import OBJECT, SAME, SHADOW
 from neugrasp.training.samples import GraspLabels
 
+SHADOW_TRUST = 0.3
+"""Weight of a shaded pixel as a sign of free space, against 1 of an unchanged one."""
 CARVING_CLEARANCE = 0.006
 """Metres above the table from which on opacity counts as an object's."""
 
@@ -38,8 +40,9 @@ def carving_loss(
     terms = []
     if (matter := labels == OBJECT).any():
         terms.append(-torch.log(opacity[matter]).mean())
-    if (free := labels == SAME).any():
-        terms.append(-torch.log1p(-opacity[free]).mean())
+    trust = (labels == SAME).to(opacity) + SHADOW_TRUST * (labels == SHADOW).to(opacity)
+    if trust.any():
+        terms.append(-(trust * torch.log1p(-opacity)).sum() / trust.sum())
     return 0.5 * torch.stack(terms).sum() if terms else opacity.sum() * 0
 
 
