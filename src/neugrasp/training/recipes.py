@@ -16,6 +16,8 @@ def small() -> TrainConfig:
         encoder_width=16,
         feature_dim=16,
         volume_dim=8,
+        fusion_hidden=40,
+        fused_dim=32,
         coarse_samples=32,
         fine_samples=24,
         encoder_blocks=(2, 2, 3),
