@@ -25,7 +25,7 @@ def _block(channels_in: int, channels_out: int, stride: int = 1) -> nn.Sequentia
 
 
 class _Up(nn.Module):
-    """Doubles the resolution, adds the skip. Transposed convolutions would print their stride into the SDF."""
+    """Doubles the resolution and adds the skip, without the pattern that transposed convolutions print."""
 
     def __init__(self, channels_in: int, channels_out: int):
         super().__init__()
