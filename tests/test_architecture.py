@@ -22,8 +22,10 @@ LAYERS = [
     {"views", "grasp", "gripper"},
     {"metrics", "pictures"},
     {"model", "simulation", "data"},
-    {"detection", "training", "baselines"},
+    {"detection", "training", "baselines", "doctor", "importers"},
+    {"robot"},
     {"evaluation", "export"},
+    {"report", "exporters"},
     {"demo"},
     {"cli"},
 ]

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from neugrasp.doctor.command import Doctor
+from neugrasp.doctor.findings import Verdict
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.evaluation.commands import Compare, Evaluate, Results, Story
 
@@ -52,33 +54,36 @@ class Demo:
 
 @dataclass(frozen=True)
 class Predict:
-    """Photos of a scene in; grasps.json, surface.ply, tsdf.npz and overlay.png out."""
+    """Photos of a scene in; grasps.json, surface.ply, tsdf.npz and overlay.png out.
+
+    The capture is examined first, as by `neugrasp doctor`; on red nothing is predicted.
+    """
 
     scene: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SCENE")]
     """A scene folder: scene.json, images/, backgrounds/ (docs/data_format.md)."""
     out: Folder
-    """Where the four files are written: all of them or none."""
+    """Where the files are written: all of them or none."""
     weights: str = "neugrasp"
     """A name of bundled weights, or a file."""
     gripper: str = "panda"
     """A name of a bundled gripper, or a file."""
+    report: bool = False
+    """Write report.html, too: the scene to turn, why candidates fell out, the doctor's verdict."""
+    force: bool = False
+    """Predict even where the doctor says red."""
 
-    def run(self) -> None:
-        from neugrasp.data.scene_folder import read_scene
-        from neugrasp.detection.detector import NeuGraspDetector
-        from neugrasp.export import whole_or_nothing, write_prediction
+    def run(self) -> str:
+        from neugrasp.report.predict import PredictRun, predict
 
-        views = read_scene(self.scene)
-        detector = NeuGraspDetector.load(self.weights, self.gripper)
-        detection = detector.detect(views)
-        with whole_or_nothing(self.out) as part:
-            write_prediction(part, views, detection, detector.gripper)
-        if detection.grasps:
-            print(f"{len(detection.grasps)} grasps, the best with score {detection.grasps[0].score:.2f}")
-        else:
-            print(_why_none(detection))
-        for name in ("grasps.json", "surface.ply", "tsdf.npz", "overlay.png"):
-            print(self.out / name)
+        run = PredictRun(
+            scene=self.scene,
+            out=self.out,
+            weights=self.weights,
+            gripper=self.gripper,
+            with_report=self.report,
+            is_forced=self.force,
+        )
+        return predict(run)
 
 
 @dataclass(frozen=True)
@@ -230,10 +235,11 @@ class Validate:
         print(f"\n{self.out / 'held_out.json'}")
 
 
-Command = Demo | Predict | Generate | Pack | Train | Validate | Evaluate | Compare | Story | Results
+Command = Demo | Doctor | Predict | Generate | Pack | Train | Validate | Evaluate | Compare | Story | Results
 _positional = tyro.conf.configure(tyro.conf.PositionalRequiredArgs)
 COMMANDS: dict[str, Callable[..., Command]] = {
     "demo": Demo,
+    "doctor": _positional(Doctor),
     "predict": Predict,
     "generate": Generate,
     "pack": Pack,
@@ -247,7 +253,8 @@ COMMANDS: dict[str, Callable[..., Command]] = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command. Returns 0, 2 after an error that the user can mend, 130 when interrupted."""
+    """Runs one command. Returns 0, 1 where the doctor says red, 2 after an error that the user can
+    mend, 130 when interrupted."""
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
     command = tyro.extras.subcommand_cli_from_dict(
         COMMANDS,
@@ -259,6 +266,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         report = command.run()
         if report is not None:
             print(report)
+        if isinstance(report, Verdict):
+            return report.exit_code
     except KeyboardInterrupt:
         print("neugrasp: interrupted", file=sys.stderr)
         return 130
@@ -270,14 +279,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _summary(name: str, detection: Detection, folder: Path) -> str:
     """A row of the demo's table."""
+    from neugrasp.detection.explanation import explain
+
     seconds = f"{sum(detection.timing_s.values()):.1f}"
     if not detection.grasps:
-        return ROW.format(name, 0, "-", "-", seconds, folder) + "\n  " + _why_none(detection)
+        return ROW.format(name, 0, "-", "-", seconds, folder) + "\n  " + explain(detection)
     best = detection.grasps[0]
     width = f"{best.width * 1000:.0f} mm"
     return ROW.format(name, len(detection.grasps), f"{best.score:.2f}", width, seconds, folder)
-
-
-def _why_none(detection: Detection) -> str:
-    counts = ", ".join(f"{count} {reason}" for reason, count in detection.rejected.items())
-    return f"no grasps; best quality {detection.best_rejected:.2f}; voxels rejected: {counts}"

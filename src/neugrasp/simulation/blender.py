@@ -20,8 +20,16 @@ import numpy as np
 from neugrasp.errors import require
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array, from_quaternion, rigid
-from neugrasp.simulation.blender_frames import SENSOR_WIDTH, facing, lens_of, pixels_inside, upright
+from neugrasp.simulation.blender_frames import (
+    OPENCV_FROM_OPENGL,
+    SENSOR_WIDTH,
+    facing,
+    lens_of,
+    pixels_inside,
+    upright,
+)
 from neugrasp.simulation.blender_materials import material_nodes, surface_nodes, world_nodes
+from neugrasp.simulation.blender_projector import pattern_image, projector_nodes
 from neugrasp.simulation.meshes import merged, read_obj
 from neugrasp.simulation.scene import camera_from_dict
 
@@ -154,6 +162,8 @@ class Stage:
         self._scene.view_settings.exposure = light["exposure"]
         for lamp in light["lamps"]:
             self._add_lamp(lamp)
+        if "projector" in light:
+            self._add_projector(light["projector"])
         self._add_plane("table", rigid(None, table["centre"]), table["size"], table["texture"], table)
         x, y, _ = table["centre"]
         floor = table["floor"]
@@ -177,6 +187,14 @@ class Stage:
         data.size, data.color = lamp["size"], lamp["colour"]
         place = facing(lamp["position"], lamp["target"])
         self._static.append(self._linked("lamp", data, place))
+
+    def _add_projector(self, projector: dict[str, Any]) -> None:
+        """A lamp without size that throws dots along the line of sight of an OpenCV camera."""
+        data = self._bpy.data.lights.new("projector", "POINT")
+        data.energy, data.shadow_soft_size, data.use_nodes = projector["energy"], 0.0, True
+        projector_nodes(data.node_tree, pattern_image(self._bpy.data.images, projector["dot_spacing"]))
+        place = np.array(projector["world_from_camera"]) @ OPENCV_FROM_OPENGL
+        self._static.append(self._linked("projector", data, place))
 
     def _add_plane(self, name: str, place: Array, size: Any, texture: Any, finish: dict[str, Any]) -> None:
         mesh = self._bpy.data.meshes.new(name)

@@ -1,0 +1,116 @@
+"""Plays rounds one after the other in one process; which came before makes no difference."""
+
+from __future__ import annotations
+
+import logging
+import time
+import traceback
+from dataclasses import dataclass, replace
+from typing import Any
+
+from neugrasp.baselines.depth_noise import NoisyDepth
+from neugrasp.errors import InputError
+from neugrasp.evaluation.cells import background_folder
+from neugrasp.evaluation.commands import Evaluate
+from neugrasp.evaluation.contestants import DEPTH, PHOTOS, SEES, load_contestant
+from neugrasp.evaluation.declutter import Game, declutter
+from neugrasp.evaluation.episode import CRASHED, Episode
+from neugrasp.evaluation.protocols import protocol_of, strategy_of
+from neugrasp.evaluation.rounds import Round, Rounds
+from neugrasp.evaluation.witness import SimulatedWitness
+from neugrasp.geometry.pose import Array
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.gripper import Gripper
+from neugrasp.robot.interface import Camera, Robot
+from neugrasp.robot.simulated import SimulatedRobot
+from neugrasp.robot.simulated_cameras import DepthCamera, PhotoCamera, TruthCamera
+from neugrasp.robot.simulated_stereo import StereoCamera
+from neugrasp.simulation.cell_photos import Photographer, backgrounds
+from neugrasp.simulation.objects import ObjectLibrary, ObjectModel
+from neugrasp.simulation.physics import World
+
+log = logging.getLogger(__name__)
+
+
+def needs_photographer(config: Evaluate) -> bool:
+    """Whether anything has to be rendered for the detector."""
+    sees = SEES[config.detector]
+    return sees == PHOTOS or (sees == DEPTH and config.depth == "stereo")
+
+
+@dataclass(frozen=True)
+class _SameFriction:
+    """A library whose objects all have one friction."""
+
+    library: ObjectLibrary
+    friction: float
+
+    def model(self, object_set: str, name: str) -> ObjectModel:
+        return replace(self.library.model(object_set, name), lateral_friction=self.friction)
+
+
+class Bench:
+    """The world, the rounds and the detector of one evaluation."""
+
+    def __init__(self, config: Evaluate, photographer: Photographer | None):
+        self.config = config
+        self.rules = protocol_of(config.protocol)
+        self._photographer = photographer
+        self._library = ObjectLibrary.open(config.object_sets, config.objects)
+        self._rounds = Rounds(
+            config.scene, config.seed, self._library, config.materials, config.views, self.rules.num_objects
+        )
+        friction = self.rules.object_friction
+        library = self._library if friction is None else _SameFriction(self._library, friction)
+        self.world = World(Workspace(), library, Gripper.load(config.gripper))
+        self._contestant = load_contestant(config, self.rules.threshold)
+        strategy = self.rules.strategy if config.strategy == "protocol" else config.strategy
+        up: Array = self.world.workspace.world_from_workspace[:3, 2]
+        self._game = Game(self.rules, strategy_of(strategy), self._rounds.choice_rng, up)
+
+    def play(self, index: int) -> Episode:
+        """Round `index`; where it crashes, that is what comes back."""
+        start = time.perf_counter()
+        try:
+            return self._play(index)
+        except InputError:
+            raise
+        except Exception as error:
+            log.exception("round %d crashed", index)
+            seconds = {"crash": time.perf_counter() - start}
+            details = traceback.format_exception_only(error)[-1].strip()
+            return Episode(index, 0, CRASHED, error=details, timing_s=seconds)
+
+    def _play(self, index: int) -> Episode:
+        start = time.perf_counter()
+        fixed = self._rounds.make(index, self.world)
+        arranged = time.perf_counter()
+        robot = SimulatedRobot(self.world, fixed.scene, self.rules.table_contact)
+        truth = TruthCamera(self.world)
+        camera = self._camera(fixed, robot, truth)
+        prepared = time.perf_counter()
+        witness = SimulatedWitness(robot, truth)
+        seen_by = Robot(camera, robot, robot, robot)
+        episode = declutter(self._game, index, seen_by, self._contestant.detector, witness)
+        seconds = {"arrange": arranged - start, "prepare": prepared - arranged, **episode.timing_s}
+        return replace(episode, scene_sha256=fixed.scene_sha256, timing_s=seconds)
+
+    def _camera(self, fixed: Round, robot: SimulatedRobot, truth: TruthCamera) -> Camera[Any]:
+        """The eyes of the detector; only measuring sticks get the truth."""
+        sees = self._contestant.sees
+        if sees == PHOTOS:
+            assert self._photographer is not None
+            folder = background_folder(fixed.cell)
+            empty = backgrounds(fixed.cell, folder, self._photographer, self._library)
+            return PhotoCamera(
+                robot, fixed.cell, empty, self._photographer, self._library, self.world.workspace
+            )
+        if sees == DEPTH:
+            if self.config.depth == "stereo":
+                assert self._photographer is not None
+                return StereoCamera(
+                    robot, fixed.cell, fixed.sensors, self._photographer, self._library, self.world.workspace
+                )
+            noise = NoisyDepth(self.config.seed) if self.config.depth == "noisy" else None
+            return DepthCamera(self.world, fixed.sensors, noise)
+        return truth

@@ -1,0 +1,126 @@
+"""The commands of the benchmark as plain data; heavy parts load when one is run."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import MISSING, dataclass, fields
+from pathlib import Path
+from typing import Literal
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluate:
+    """Clears tables in simulation and counts: SR, FSR, DR and L1, with intervals. Goes on where it
+    stopped."""
+
+    out: Path
+    """Where metrics.json, attempts.jsonl and rounds/ are written."""
+    detector: Literal["neugrasp", "vgn", "oracle", "antipodal"] = "neugrasp"
+    """oracle and antipodal are told the true surface: measuring sticks, no detectors."""
+    scene: Literal["packed", "pile", "single"] = "packed"
+    """How the objects lie."""
+    materials: Literal["transparent-specular", "diffuse", "mixed", "specular", "transparent"] = (
+        "transparent-specular"
+    )
+    """What the objects are made of."""
+    strategy: Literal["protocol", "top", "random", "highest"] = "protocol"
+    """Which of the detected grasps is carried out; by default the protocol's."""
+    rounds: int | None = None
+    """Number of rounds: by default 200, or one for each object where it stands alone."""
+    views: str = "released"
+    """Where the cameras stand: released, paper, ring6, hemisphere6 or training."""
+    protocol: str = "paper"
+    """paper, vgn or graspnerf: what counts as a success, and out of what (docs/benchmark.md)."""
+    weights: str = "neugrasp"
+    """A name of bundled weights, or a file; for vgn, and for an oracle with VGN's head, a .pth of VGN."""
+    depth: Literal["exact", "noisy", "stereo"] = "exact"
+    """The depth sensor of vgn; stereo sees glass and steel as such a sensor does."""
+    gripper: str = "panda"
+    """A name of a bundled gripper, or a file."""
+    objects: Path | None = None
+    """A folder of URDF objects, instead of the built-in ones."""
+    seed: int = 0
+    """The same seed gives the same rounds and the same metrics, whatever the number of workers."""
+    workers: int | None = None
+    """Processes that share the rounds; by default one per core."""
+
+    @property
+    def object_sets(self) -> tuple[str, ...]:
+        """The object sets that the scenes are made of."""
+        return ("folder",) if self.objects is not None else ("pybullet", "glassware")
+
+    def command(self) -> str:
+        """The line that repeats this evaluation; `OUT`, `OBJECTS` and files of weights are for the reader."""
+        words = ["neugrasp", "evaluate", "--out", "OUT"]
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name in ("out", "workers") or field.default is MISSING or value == field.default:
+                continue
+            if field.name == "objects":
+                value = "OBJECTS"
+            elif field.name in ("weights", "gripper"):
+                value = Path(value).name
+            words += [f"--{field.name}", str(value)]
+        return shlex.join(words)
+
+    def run(self) -> str:
+        """Plays what is missing; the table of the whole."""
+        from neugrasp.evaluation.run import evaluate
+        from neugrasp.evaluation.tables import metrics_table
+
+        return metrics_table(evaluate(self)) + f"\n\n{self.out / 'metrics.json'}"
+
+
+@dataclass(frozen=True)
+class Compare:
+    """Two evaluations of the same rounds, paired: difference, interval and p."""
+
+    a: Path
+    """What `neugrasp evaluate` wrote."""
+    b: Path
+    """The other one."""
+
+    def run(self) -> str:
+        """The table of the differences."""
+        from neugrasp.evaluation.compare import compare
+        from neugrasp.evaluation.tables import comparison_table
+
+        return comparison_table(compare(self.a, self.b))
+
+
+@dataclass(frozen=True)
+class Story:
+    """A round of an evaluation as one HTML file: what was seen, what was tried, what came of it."""
+
+    evaluation: Path
+    """What `neugrasp evaluate` wrote."""
+    round: int
+    """Its number, from 0."""
+    out: Path | None = None
+    """The file; by default stories/ROUND.html in the evaluation."""
+    objects: Path | None = None
+    """The folder of URDF objects that the evaluation was made with."""
+    photos: Literal["auto", "yes", "no"] = "auto"
+    """Whether photos are rendered for it (needs Blender); auto: where the detector saw photos."""
+
+    def run(self) -> str:
+        """The file's name."""
+        from neugrasp.evaluation.story import write_story
+
+        return str(write_story(self))
+
+
+@dataclass(frozen=True)
+class Results:
+    """The page of results from the metrics.json files of many evaluations."""
+
+    folder: Path = Path("docs/results")
+    """Where NAME.json, or NAME/metrics.json, lie."""
+    out: Path = Path("docs/results.md")
+    """The page."""
+
+    def run(self) -> str:
+        """The page's name."""
+        from neugrasp.evaluation.results import write_results
+
+        return str(write_results(self.folder, self.out))

@@ -1,0 +1,78 @@
+"""The detectors by name, and what each of them is allowed to see."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from neugrasp.baselines.vgn import VgnDetector, load_vgn_head
+from neugrasp.detection.detector import NeuGraspDetector
+from neugrasp.errors import InputError
+from neugrasp.evaluation.commands import Evaluate
+from neugrasp.evaluation.declutter import Finder
+from neugrasp.evaluation.measuring_sticks import Antipodal, Oracle
+from neugrasp.gripper import Gripper
+from neugrasp.model.checkpoint import find_weights, load_checkpoint
+
+PHOTOS, DEPTH, TRUTH = "photos", "depth", "truth"
+SEES = {"neugrasp": PHOTOS, "vgn": DEPTH, "oracle": TRUTH, "antipodal": TRUTH}
+"""What the camera of each detector delivers: `Views`, `DepthViews`, or, for measuring sticks, `Truth`."""
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """A detector that is ready to play."""
+
+    name: str
+    detector: Finder[Any]
+
+    @property
+    def sees(self) -> str:
+        """One of PHOTOS, DEPTH and TRUTH."""
+        return SEES[self.name]
+
+
+def load_contestant(config: Evaluate, threshold: float) -> Contestant:
+    """The detector of an evaluation. Raises `InputError` where its weights cannot be used."""
+    gripper = Gripper.load(config.gripper)
+    return Contestant(config.detector, _detector(config, gripper, threshold))
+
+
+def _detector(config: Evaluate, gripper: Gripper, threshold: float) -> Finder[Any]:
+    if config.detector == "neugrasp":
+        return NeuGraspDetector.load(config.weights, config.gripper, threshold=threshold)
+    if config.detector == "vgn":
+        return VgnDetector(load_vgn_head(_vgn_file(config.weights)), gripper, threshold)
+    if config.detector == "oracle":
+        if _is_vgn(config.weights):
+            return Oracle(load_vgn_head(Path(config.weights)), gripper, threshold, is_vgn=True)
+        head = load_checkpoint(config.weights).model().head
+        return Oracle(head, gripper, threshold, is_vgn=False)
+    return Antipodal(gripper, config.seed)
+
+
+def weights_facts(config: Evaluate) -> dict[str, str]:
+    """Name and hash of the weights that an evaluation depends on; nothing where there are none."""
+    if config.detector == "antipodal":
+        return {}
+    is_vgn = config.detector == "vgn" or _is_vgn(config.weights)
+    path = _vgn_file(config.weights) if is_vgn else find_weights(config.weights)
+    try:
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    return {"weights": path.name, "weights_sha256": digest}
+
+
+def _is_vgn(weights: str) -> bool:
+    return Path(weights).suffix == ".pth"
+
+
+def _vgn_file(weights: str) -> Path:
+    if not _is_vgn(weights):
+        raise InputError(
+            f"--weights {weights}: vgn needs the public checkpoint vgn_conv.pth of github.com/ethz-asl/vgn"
+        )
+    return Path(weights)

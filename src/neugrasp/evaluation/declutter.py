@@ -1,0 +1,151 @@
+"""The loop of the benchmark (method.md D5): look, detect, choose, execute, until nothing is left to do.
+
+It drives the protocols of `robot.interface` and knows nothing of a simulation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+
+from neugrasp.detection.detector import Detection, Stopwatch
+from neugrasp.evaluation.episode import (
+    EMPTY,
+    FAILED_TOO_OFTEN,
+    NOTHING_DETECTED,
+    Attempt,
+    Episode,
+)
+from neugrasp.evaluation.protocols import Choose
+from neugrasp.evaluation.protocols import Protocol as Rules
+from neugrasp.geometry.pose import Array, to_quaternion
+from neugrasp.robot.interface import Robot
+from neugrasp.robot.pick import CARRIED_AWAY, Pick, pick
+
+Seen = TypeVar("Seen")
+SeenBy = TypeVar("SeenBy", contravariant=True)
+
+
+class Finder(Protocol[SeenBy]):
+    """Finds grasps in what a robot's camera delivers. For photos this is `detection.detector.Detector`."""
+
+    def detect(self, views: SeenBy, /) -> Detection:
+        """Ranked grasps of a scene, best first."""
+        ...
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """How good a detector's surface is."""
+
+    l1: dict[str, float]
+    constants: dict[str, dict[str, float]]
+
+
+class Witness(Protocol):
+    """Who stands beside the table and knows better. Nothing of it reaches the detector."""
+
+    def judge(self, detection: Detection) -> Judgement:
+        """The detected surface against the true one."""
+        ...
+
+    def describe(self) -> dict[str, Any]:
+        """What lies on the table, as plain data."""
+        ...
+
+
+@dataclass(frozen=True)
+class Game:
+    """What the rounds of an evaluation have in common."""
+
+    rules: Rules
+    choose: Choose
+    rng: Callable[[int, int], np.random.Generator]
+    """(round, attempt) -> the random numbers of a choice."""
+    up: Array
+    """Unit vector away from the table, world frame."""
+
+
+@dataclass(frozen=True)
+class _Play:
+    """One round under way."""
+
+    game: Game
+    index: int
+    robot: Robot[Any]
+    witness: Witness
+
+    def attempt(self, number: int, detection: Detection, watch: Stopwatch) -> Attempt:
+        """Chooses one of the detected grasps and carries it out."""
+        game, robot = self.game, self.robot
+        chosen = game.choose(detection.grasps, game.rng(self.index, number), game.up)
+        grasp = detection.grasps[chosen]
+        objects, before = robot.table.count(), self.witness.describe()
+        with watch.stage("judge"):
+            judgement = self.witness.judge(detection)
+        with watch.stage("execute"):
+            min_opening = game.rules.min_opening * robot.gripper.max_opening
+            result = pick(robot.arm, robot.gripper, grasp, min_opening, game.up)
+        lost = objects - robot.table.count() - result.success
+        x, y, z = grasp.position.tolist()
+        qx, qy, qz, qw = to_quaternion(grasp.pose).tolist()
+        return Attempt(
+            round=self.index,
+            attempt=number,
+            objects=objects,
+            candidates=len(detection.grasps),
+            score=float(grasp.score),
+            width=float(grasp.width),
+            position=(x, y, z),
+            quaternion_xyzw=(qx, qy, qz, qw),
+            success=result.success,
+            reason=_reason(result, lost),
+            touched=result.touched,
+            lost=lost,
+            opening=result.opening,
+            l1=judgement.l1,
+            l1_constants=judgement.constants,
+            timing_s=watch.seconds | {f"detect: {name}": s for name, s in detection.timing_s.items()},
+            before=before,
+        )
+
+
+def declutter(
+    game: Game, index: int, robot: Robot[Seen], detector: Finder[Seen], witness: Witness
+) -> Episode:
+    """Plays round `index` to its end."""
+    play = _Play(game, index, robot, witness)
+    seconds: dict[str, float] = {}
+    start, failures = robot.table.count(), 0
+    attempts: list[Attempt] = []
+    ending = EMPTY
+    while robot.table.count() > 0:
+        if failures == game.rules.max_failures:
+            ending = FAILED_TOO_OFTEN
+            break
+        watch = Stopwatch()
+        with watch.stage("look"):
+            seen = robot.camera.look()
+        with watch.stage("detect"):
+            detection = detector.detect(seen)
+        if detection.grasps:
+            attempts.append(play.attempt(len(attempts), detection, watch))
+            failures = 0 if attempts[-1].success else failures + 1
+        _add(seconds, watch.seconds)
+        if not detection.grasps:
+            ending = NOTHING_DETECTED
+            break
+    return Episode(index, start, ending, tuple(attempts), timing_s=seconds, left=witness.describe())
+
+
+def _reason(result: Pick, lost: int) -> str:
+    """A failure after which an object is missing took it away without having grasped it."""
+    return CARRIED_AWAY if lost > 0 and not result.success else result.reason
+
+
+def _add(total: dict[str, float], part: dict[str, float]) -> None:
+    for stage, seconds in part.items():
+        total[stage] = total.get(stage, 0.0) + seconds

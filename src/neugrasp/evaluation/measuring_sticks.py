@@ -1,0 +1,69 @@
+"""Detectors that are told the truth: what a grasp head, or mere geometry, is worth on the true surface.
+
+They take `Truth`, which only `robot.simulated_cameras.TruthCamera` makes; no other detector can be handed it.
+"""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from neugrasp.baselines.antipodal import antipodal_grasp
+from neugrasp.baselines.vgn import INSIDE, vgn_selection
+from neugrasp.detection.decode import Prediction, SelectionConfig, select_grasps
+from neugrasp.detection.detector import Detection
+from neugrasp.gripper import Gripper
+from neugrasp.model.grasp_head import GraspHead
+from neugrasp.robot.simulated_cameras import Truth
+
+
+@dataclass(frozen=True)
+class Oracle:
+    """A grasp head on the true TSDF."""
+
+    head: GraspHead
+    gripper: Gripper
+    threshold: float
+    is_vgn: bool
+    """Whether the head is VGN's, which reads another scale, or NeuGrasp's own."""
+
+    @torch.no_grad()
+    def detect(self, truth: Truth) -> Detection:
+        """What the head finds, best first."""
+        if self.is_vgn:
+            config = SelectionConfig(threshold=self.threshold, inside=INSIDE)
+            chosen, tsdf = vgn_selection(self.head, truth.tsdf, truth.workspace, self.gripper, config)
+        else:
+            tsdf = truth.tsdf.values
+            volume = self.head(torch.from_numpy(tsdf).unsqueeze(0))
+            prediction = Prediction(
+                tsdf, volume.quality[0].numpy(), volume.rotation[0].numpy(), volume.width[0].numpy()
+            )
+            config = SelectionConfig(threshold=self.threshold)
+            chosen = select_grasps(prediction, truth.workspace, self.gripper, config)
+        placed = truth.workspace.world_from_workspace
+        grasps = tuple(grasp.moved(placed) for grasp in chosen.grasps)
+        return Detection(grasps, tsdf, chosen.rejected, chosen.best_rejected, {})
+
+
+@dataclass(frozen=True)
+class Antipodal:
+    """Random antipodal candidates on the true surface, all equally good."""
+
+    gripper: Gripper
+    seed: int
+    num_candidates: int = 12
+
+    def detect(self, truth: Truth) -> Detection:
+        """Candidates in random order; which ones depends on the surface and the seed alone."""
+        tsdf = truth.tsdf.values
+        rng = np.random.default_rng([self.seed, zlib.crc32(tsdf.tobytes())])
+        drawn = (
+            antipodal_grasp(tsdf, truth.workspace, self.gripper, rng) for _ in range(self.num_candidates)
+        )
+        placed = truth.workspace.world_from_workspace
+        grasps = tuple(grasp.moved(placed) for grasp in drawn if grasp is not None)
+        return Detection(grasps, tsdf, {"not_antipodal": self.num_candidates - len(grasps)}, 1.0, {})

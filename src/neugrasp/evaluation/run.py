@@ -1,0 +1,200 @@
+"""An evaluation from beginning to end: parallel, resumable, the same metrics whatever the accidents."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import logging
+import platform
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.evaluation.commands import Evaluate
+from neugrasp.evaluation.contestants import weights_facts
+from neugrasp.evaluation.episode import CRASHED, Episode, attempt_line, read_episode, write_episode
+from neugrasp.evaluation.protocols import protocol_of, strategy_of
+from neugrasp.evaluation.rounds import num_rounds
+from neugrasp.evaluation.scores import scores
+from neugrasp.evaluation.workers import MakePhotographer, play_all
+from neugrasp.geometry.view_sets import VIEW_SETS
+from neugrasp.gripper import Gripper
+from neugrasp.metrics import wilson_interval
+from neugrasp.simulation.objects import ObjectLibrary
+from neugrasp.simulation.renderer import Renderer
+
+FORMAT, VERSION = "neugrasp-metrics", 1
+
+log = logging.getLogger(__name__)
+
+
+def evaluate(config: Evaluate, make_photographer: MakePhotographer | None = None) -> dict[str, Any]:
+    """Plays the rounds that `config.out` does not hold yet and returns what metrics.json says of all.
+
+    Rounds that crashed are tried again. Raises `InputError` where an option cannot be used or the folder
+    holds another evaluation, `NeuGraspError` where the disk refuses or a worker was killed.
+    """
+    facts, wanted = _checked(config)
+    with _only_one(config.out):
+        _describe(config.out, facts)
+        files = [_file(config.out, index) for index in range(wanted)]
+        found = [read_episode(path) for path in files if path.is_file()]
+        kept = {episode.index for episode in found if episode.ending != CRASHED}
+        missing = [index for index in range(wanted) if index not in kept]
+        progress = _Progress(wanted, [e for e in found if e.index in kept])
+        with closing(play_all(config, missing, make_photographer or _photographer_for(config))) as played:
+            for episode in played:
+                write_episode(_file(config.out, episode.index), episode)
+                progress.add(episode)
+        return _write(config, facts, [read_episode(path) for path in files])
+
+
+def _file(out: Path, index: int) -> Path:
+    return out / "rounds" / f"{index:06d}.json"
+
+
+def _photographer_for(config: Evaluate) -> MakePhotographer:
+    if config.depth == "stereo" and config.detector == "vgn":
+        from neugrasp.simulation.infrared import infrared_renderer
+
+        return infrared_renderer
+    return Renderer
+
+
+def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
+    """What the rounds depend on, and how many are wanted."""
+    rules = protocol_of(config.protocol)
+    strategy = rules.strategy if config.strategy == "protocol" else config.strategy
+    strategy_of(strategy)
+    if config.views not in VIEW_SETS:
+        raise InputError(f"--views {config.views!r}; choose one of {', '.join(VIEW_SETS)}")
+    if config.seed < 0:
+        raise InputError(f"--seed {config.seed}; it must be at least 0")
+    if config.workers is not None and config.workers < 1:
+        raise InputError(f"--workers {config.workers}; it must be at least 1")
+    if config.depth != "exact" and config.detector != "vgn":
+        raise InputError(f"--depth {config.depth}: only vgn sees depth, not {config.detector}")
+    library = ObjectLibrary.open(config.object_sets, config.objects)
+    choices = library.choices("test", config.scene)
+    names = json.dumps(choices)
+    facts = {
+        "detector": config.detector,
+        "scene": config.scene,
+        "materials": config.materials,
+        "strategy": strategy,
+        "protocol": config.protocol,
+        "views": config.views,
+        "depth": config.depth if config.detector == "vgn" else None,
+        "gripper": Gripper.load(config.gripper).name,
+        "seed": config.seed,
+        "object_sets": list(config.object_sets),
+        "objects_sha256": hashlib.sha256(names.encode()).hexdigest(),
+        **weights_facts(config),
+    }
+    return facts, num_rounds(config.scene, choices, config.rounds)
+
+
+def _describe(out: Path, facts: dict[str, Any]) -> None:
+    """Writes run.json, or checks that the one that is there says the same."""
+    path = out / "run.json"
+    if not path.exists():
+        temporary = path.with_name(".run.json.tmp")
+        temporary.write_text(json.dumps(facts, indent=1) + "\n")
+        temporary.replace(path)
+        return
+    try:
+        found = json.loads(path.read_text())
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path}: not valid JSON ({error}); choose another --out") from error
+    for key in {**facts, **found}:
+        if found.get(key) != facts.get(key):
+            raise InputError(
+                f"{path}: this evaluation was made with {key} = {found.get(key)!r}, not {facts.get(key)!r}; "
+                "give the same options to go on with it, or another --out"
+            )
+
+
+@contextmanager
+def _only_one(out: Path) -> Iterator[None]:
+    """Holds `out` for this process."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with (out / ".lock").open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                raise InputError(f"{out}: another neugrasp evaluate is writing here; wait for it") from error
+            yield
+    except OSError as error:
+        raise NeuGraspError(f"{out}: cannot be written ({error.strerror})") from error
+
+
+@dataclass
+class _Progress:
+    """What is done, how well and how fast."""
+
+    total: int
+    episodes: list[Episode]
+    start: float = field(default_factory=time.monotonic)
+    played: int = 0
+
+    def add(self, episode: Episode) -> None:
+        """Counts a round that was just played."""
+        self.episodes.append(episode)
+        self.played += 1
+        attempts = [attempt for episode in self.episodes for attempt in episode.attempts]
+        successes = sum(attempt.success for attempt in attempts)
+        low, high = (100 * edge for edge in wilson_interval(successes, len(attempts)))
+        rate = self.played / (time.monotonic() - self.start)
+        log.info(
+            "%d of %d rounds, SR %.1f %% (%.1f to %.1f), %.0f rounds an hour, %.0f min left",
+            len(self.episodes),
+            self.total,
+            100 * successes / max(len(attempts), 1),
+            low,
+            high,
+            3600 * rate,
+            (self.total - len(self.episodes)) / rate / 60,
+        )
+
+
+def _write(config: Evaluate, facts: dict[str, Any], episodes: list[Episode]) -> dict[str, Any]:
+    """Writes attempts.jsonl and metrics.json, in the order of the rounds."""
+    crashed = [episode for episode in episodes if episode.ending == CRASHED]
+    for episode in crashed:
+        log.warning("round %d crashed and counts nowhere: %s", episode.index, episode.error)
+    lines = [attempt_line(attempt) for episode in episodes for attempt in episode.attempts]
+    scenes = json.dumps([episode.scene_sha256 for episode in episodes])
+    metrics = {
+        "format": FORMAT,
+        "version": VERSION,
+        **facts,
+        **scores(episodes, protocol_of(config.protocol)),
+        "rounds_sha256": hashlib.sha256(scenes.encode()).hexdigest(),
+        "command": config.command(),
+        "commit": _commit(),
+        "machine": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
+    }
+    for name, text in (
+        ("attempts.jsonl", "".join(lines)),
+        ("metrics.json", json.dumps(metrics, indent=1) + "\n"),
+    ):
+        temporary = config.out / f".{name}.tmp"
+        temporary.write_text(text, encoding="utf-8")
+        temporary.replace(config.out / name)
+    return metrics
+
+
+def _commit() -> str:
+    """The commit of the source tree this runs from, or "unknown" outside of one."""
+    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"

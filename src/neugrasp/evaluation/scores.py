@@ -1,0 +1,115 @@
+"""Rounds -> SR, FSR, DR and L1, each with its interval and its count (method.md D5, A6)."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from neugrasp.evaluation.episode import CRASHED, ENDINGS, Attempt, Episode
+from neugrasp.evaluation.protocols import Protocol
+from neugrasp.metrics import wilson_interval
+from neugrasp.robot.pick import REASONS, SUCCESS
+
+RESAMPLES = 10_000
+HEADLINE_MASK = "0.3"
+"""Depth of the L1 mask that is printed as "the" L1."""
+TIMES = ("seconds_per_round", "seconds_by_stage", "rounds_per_hour_and_worker")
+"""The entries that a second run of the same command need not repeat."""
+
+
+def scores(episodes: Sequence[Episode], protocol: Protocol) -> dict[str, Any]:
+    """The entries of metrics.json that follow from the rounds; percentages and L1 are None where nothing was
+    counted. Crashed rounds are listed and counted nowhere else."""
+    played = [episode for episode in episodes if episode.ending != CRASHED]
+    attempts = [attempt for episode in played for attempt in episode.attempts]
+    cleared = counted_in_dr(played, protocol)
+    successes = sum(attempt.success for attempt in attempts)
+    firsts = sum(first_succeeded(episode) for episode in played)
+    taken = np.array([episode.successes for episode in cleared])
+    objects = np.array([episode.objects for episode in cleared])
+    return {
+        "rounds": len(played),
+        "crashed": [episode.index for episode in episodes if episode.ending == CRASHED],
+        "attempts": len(attempts),
+        "successes": successes,
+        "objects": int(objects.sum()),
+        "lost_objects": sum(attempt.lost for attempt in attempts),
+        **_rate("SR", successes, len(attempts)),
+        **_rate("FSR", firsts, len(played)),
+        "DR": _percent(int(taken.sum()), int(objects.sum())),
+        "DR_ci": _bootstrap(taken, objects),
+        "endings": {name: sum(e.ending == name for e in played) for name in ENDINGS if name != CRASHED},
+        "failures": _failures(attempts),
+        **_l1(attempts),
+        **_times(played),
+    }
+
+
+def counted_in_dr(played: Sequence[Episode], protocol: Protocol) -> list[Episode]:
+    """The rounds whose objects stand in the denominator of DR."""
+    return [e for e in played if e.attempts or protocol.count_silent_rounds]
+
+
+def first_succeeded(episode: Episode) -> bool:
+    """Whether the first grasp of a round took an object off the table; False where there was none."""
+    return bool(episode.attempts) and episode.attempts[0].success
+
+
+def _percent(part: int, whole: int) -> float | None:
+    return round(100 * part / whole, 2) if whole else None
+
+
+def _rate(name: str, part: int, whole: int) -> dict[str, Any]:
+    low, high = wilson_interval(part, whole)
+    interval = [round(100 * low, 2), round(100 * high, 2)] if whole else None
+    return {name: _percent(part, whole), f"{name}_ci": interval}
+
+
+def _bootstrap(part: np.ndarray, whole: np.ndarray) -> list[float] | None:
+    """The 95 % interval of the pooled percentage under resampling of rounds."""
+    if not whole.sum():
+        return None
+    index = np.random.default_rng(0).integers(len(part), size=(RESAMPLES, len(part)))
+    totals = whole[index].sum(axis=1)
+    shares = 100 * part[index].sum(axis=1)[totals > 0] / totals[totals > 0]
+    low, high = np.percentile(shares, [2.5, 97.5])
+    return [round(float(low), 2), round(float(high), 2)]
+
+
+def _failures(attempts: Sequence[Attempt]) -> dict[str, int]:
+    counts = Counter(attempt.reason for attempt in attempts)
+    return {reason: counts[reason] for reason in REASONS if reason != SUCCESS}
+
+
+def _l1(attempts: Sequence[Attempt]) -> dict[str, Any]:
+    """One value per executed grasp, then the plain mean; the constant predictors beside it."""
+    judged = [attempt for attempt in attempts if attempt.l1]
+    if not judged:
+        return {"L1": None, "L1_by_mask": None, "L1_constants": None}
+    by_mask = {mask: _mean([a.l1[mask] for a in judged]) for mask in judged[0].l1}
+    constants = {
+        value: {mask: _mean([a.l1_constants[value][mask] for a in judged]) for mask in masks}
+        for value, masks in judged[0].l1_constants.items()
+    }
+    return {"L1": by_mask[HEADLINE_MASK], "L1_by_mask": by_mask, "L1_constants": constants}
+
+
+def _mean(values: Sequence[float]) -> float:
+    return round(float(np.mean(values)), 5)
+
+
+def _times(played: Sequence[Episode]) -> dict[str, Any]:
+    stages: dict[str, float] = defaultdict(float)
+    for episode in played:
+        for stage, seconds in episode.timing_s.items():
+            stages[stage] += seconds
+    count = max(len(played), 1)
+    per_round = sum(stages.values()) / count
+    return {
+        "seconds_per_round": round(per_round, 3),
+        "seconds_by_stage": {stage: round(seconds / count, 3) for stage, seconds in stages.items()},
+        "rounds_per_hour_and_worker": round(3600 / per_round, 1) if per_round else None,
+    }

@@ -1,0 +1,176 @@
+"""One round as a picture story: a single HTML file with everything inside."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import json
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image as Picture
+
+from neugrasp.errors import InputError
+from neugrasp.evaluation.cells import background_folder
+from neugrasp.evaluation.commands import Story
+from neugrasp.evaluation.episode import Attempt, Episode, read_episode
+from neugrasp.evaluation.rounds import Round, Rounds
+from neugrasp.geometry.pose import from_quaternion
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.grasp import Grasp
+from neugrasp.gripper import Gripper
+from neugrasp.pictures.overlay import draw_grasps, photo_of_workspace
+from neugrasp.robot.pick import SUCCESS
+from neugrasp.simulation.cell_photos import Photographer, backgrounds
+from neugrasp.simulation.objects import ObjectLibrary
+from neugrasp.simulation.physics import World
+from neugrasp.simulation.renderer import Renderer
+from neugrasp.simulation.scene import Scene, scene_from_json
+from neugrasp.views import Image, View
+
+WIDTH = 300
+"""Pixels of a picture."""
+COLOURS = np.array(
+    [[150, 150, 150], [214, 110, 80], [90, 140, 200], [230, 190, 80], [110, 175, 110], [165, 120, 190]]
+)
+"""Of the table and of bodies, in pictures that show shape only."""
+STYLE = """body{font:15px/1.4 system-ui,sans-serif;margin:2em auto;max-width:1300px;padding:0 1em;color:#222}
+.attempt{border-left:6px solid #c0392b;padding:0 0 .5em 1em;margin:1.5em 0}.attempt.good{border-color:#27ae60}
+.row{display:flex;flex-wrap:wrap;gap:8px}figure{margin:0}img{display:block;max-width:100%}figcaption{color:#666}"""
+
+
+def write_story(story: Story, photographer: Photographer | None = None) -> Path:
+    """Writes the file and returns its name. Everything is redone from the record of the round.
+
+    Raises `InputError` where the evaluation, the round or its objects cannot be found.
+    """
+    facts = _facts(story.evaluation)
+    episode = read_episode(story.evaluation / "rounds" / f"{story.round:06d}.json")
+    out = story.out or story.evaluation / "stories" / f"{story.round:06d}.html"
+    if "folder" in facts["object_sets"] and story.objects is None:
+        raise InputError(f"{story.evaluation} was made with a folder of objects: give it as --objects DIR")
+    wants_photos = story.photos == "yes" or (story.photos == "auto" and facts["detector"] == "neugrasp")
+    with ExitStack() as closing:
+        if wants_photos and photographer is None:
+            photographer = closing.enter_context(Renderer())
+        stage = _Stage(facts, story.objects, photographer if wants_photos else None)
+        closing.enter_context(stage.world)
+        fixed = stage.fixed(episode.index)
+        pictures = [stage.pictures(fixed, a.before, _grasp(a)) for a in episode.attempts]
+        left = stage.pictures(fixed, episode.left, None)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text("\n".join(_page(facts, episode, pictures, left)), encoding="utf-8")
+    return out
+
+
+def _facts(folder: Path) -> dict[str, Any]:
+    try:
+        facts: dict[str, Any] = json.loads((folder / "run.json").read_text())
+    except (OSError, json.JSONDecodeError) as error:
+        raise InputError(f"{folder}: no evaluation (run.json: {error})") from error
+    return facts
+
+
+class _Stage:
+    """The world of an evaluation, into which its moments are laid again."""
+
+    def __init__(self, facts: dict[str, Any], objects: Path | None, photographer: Photographer | None):
+        self.gripper = Gripper.load(facts["gripper"])
+        self._photographer = photographer
+        self._library = ObjectLibrary.open(facts["object_sets"], objects)
+        self.world = World(Workspace(), self._library, self.gripper)
+        self._rounds = Rounds(
+            facts["scene"], facts["seed"], self._library, facts["materials"], facts["views"]
+        )
+
+    def fixed(self, index: int) -> Round:
+        """What is fixed about a round."""
+        return self._rounds.make(index, self.world)
+
+    def pictures(self, fixed: Round, lying: dict[str, Any] | None, grasp: Grasp | None) -> list[Image]:
+        """What lay on the table at a moment, from every view, with the chosen grasp; none where none lay."""
+        if lying is None or not lying["bodies"]:
+            return []
+        scene = scene_from_json(json.dumps({"format": "neugrasp-world", "version": 1, **lying}))
+        self.world.reset(scene)
+        views = self._photos(fixed, scene) if self._photographer else self._shapes(fixed)
+        return [draw_grasps(view, [grasp] if grasp else [], self.gripper, WIDTH) for view in views]
+
+    def _photos(self, fixed: Round, scene: Scene) -> list[View]:
+        assert self._photographer is not None
+        cell = fixed.cell
+        empty = backgrounds(cell, background_folder(cell), self._photographer, self._library)
+        photos = self._photographer.render(cell, scene, self._library, range(cell.num_inputs))
+        return [View(p, b, c) for p, b, c in zip(photos, empty, cell.cameras, strict=False)]
+
+    def _shapes(self, fixed: Round) -> list[View]:
+        """Pictures from depth alone: one colour for each body, lit along the line of sight."""
+        views = []
+        for camera in fixed.sensors:
+            depth, mask = self.world.depth_and_mask(camera)
+            slope = np.hypot(*np.gradient(depth.astype(np.float64))) * camera.intrinsics[0, 0]
+            light = 1 / np.sqrt(1 + np.minimum(slope / np.maximum(depth, 0.1), 4.0) ** 2)
+            colour = np.where(mask[..., None] > 0, COLOURS[1 + (mask - 1) % (len(COLOURS) - 1)], COLOURS[0])
+            shaded = (colour * (0.35 + 0.65 * light[..., None]) * (mask >= 0)[..., None]).astype(np.uint8)
+            views.append(photo_of_workspace(View(shaded, shaded, camera), self.world.workspace, WIDTH))
+        return views
+
+
+def _grasp(attempt: Attempt) -> Grasp:
+    return Grasp(from_quaternion(attempt.quaternion_xyzw, attempt.position), attempt.width)
+
+
+def _page(
+    facts: dict[str, Any], episode: Episode, pictures: list[list[Image]], left: list[Image]
+) -> Iterator[str]:
+    title = f"Round {episode.index}: {facts['detector']}, {facts['scene']}, {facts['materials']}"
+    yield f"<!doctype html><html lang=en><meta charset=utf-8><title>{html.escape(title)}</title>"
+    yield f"<style>{STYLE}</style><h1>{html.escape(title)}</h1>"
+    told = ", ".join(f"{key} {facts[key]}" for key in ("strategy", "protocol", "views", "seed"))
+    yield f"<p>{html.escape(told)}. {episode.objects} objects, {episode.successes} taken off the table. "
+    yield f"The round ended: <b>{html.escape(episode.ending)}</b>. {html.escape(episode.error)}</p>"
+    for attempt, images in zip(episode.attempts, pictures, strict=True):
+        yield from _scene(attempt, images)
+    if left:
+        yield f"<section class=attempt><h2>Left on the table: {html.escape(episode.ending)}</h2>"
+        yield from _row(left)
+        yield "</section>"
+    yield "</html>"
+
+
+def _scene(attempt: Attempt, images: list[Image]) -> Iterator[str]:
+    good = " good" if attempt.success else ""
+    outcome = SUCCESS if attempt.success else f"failed: {attempt.reason}"
+    yield f'<section class="attempt{good}"><h2>Attempt {attempt.attempt + 1}: {html.escape(outcome)}</h2>'
+    facts = [
+        f"{attempt.objects} objects on the table",
+        f"chosen among {attempt.candidates} grasps, score {attempt.score:.2f}",
+        f"predicted width {1000 * attempt.width:.0f} mm, {1000 * attempt.opening:.0f} mm at the end",
+    ]
+    if attempt.touched:
+        facts.append("a contact stopped the hand on its way")
+    if attempt.lost:
+        facts.append(f"{attempt.lost} objects left the workspace ungrasped")
+    if attempt.l1:
+        facts.append(f"L1 of the surface {attempt.l1['0.3']:.3f}")
+    yield f"<p>{html.escape('; '.join(facts))}.</p>"
+    yield from _row(images)
+    yield "</section>"
+
+
+def _row(images: list[Image]) -> Iterator[str]:
+    yield "<div class=row>"
+    for number, image in enumerate(images):
+        yield f"<figure><img src='{_inlined(image)}' alt='view {number}' width={WIDTH}>"
+        yield f"<figcaption>view {number}</figcaption></figure>"
+    yield "</div>"
+
+
+def _inlined(image: Image) -> str:
+    buffer = io.BytesIO()
+    Picture.fromarray(image).save(buffer, "JPEG", quality=85)
+    return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode()

@@ -1,0 +1,35 @@
+"""Who knows the truth of a simulated round: judges surfaces, and writes down what lies on the table."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from neugrasp.detection.detector import Detection
+from neugrasp.evaluation.declutter import Judgement
+from neugrasp.geometry.fusion import vgn_grid
+from neugrasp.metrics import CONSTANTS, l1_by_mask
+from neugrasp.robot.simulated import SimulatedRobot
+from neugrasp.robot.simulated_cameras import TruthCamera
+
+
+@dataclass(frozen=True)
+class SimulatedWitness:
+    """Compares with the 18-view surface, in the scale of the paper's L1: -1 where nothing is near."""
+
+    robot: SimulatedRobot
+    truth: TruthCamera
+    judges: bool = True
+    """Whether surfaces are judged at all: the 18 views take time."""
+
+    def judge(self, detection: Detection) -> Judgement:
+        """L1 by mask of the detected surface and of constant predictors."""
+        if not self.judges:
+            return Judgement({}, {})
+        true = 2 * vgn_grid(self.truth.look().tsdf) - 1
+        constants = {f"{value:+.0f}": l1_by_mask(value, true) for value in CONSTANTS}
+        return Judgement(l1_by_mask(detection.tsdf, true), constants)
+
+    def describe(self) -> dict[str, Any]:
+        """The scene as it lies now."""
+        return asdict(self.robot.scene())

@@ -1,0 +1,89 @@
+"""What a simulated cell lets be seen: photos, depth images, or, through a door of its own, the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neugrasp.geometry.camera import Camera
+from neugrasp.geometry.fusion import Tsdf
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.robot.simulated import SimulatedRobot
+from neugrasp.simulation.cell_photos import Photographer, Photos
+from neugrasp.simulation.objects import ObjectLibrary
+from neugrasp.simulation.physics import World
+from neugrasp.simulation.scene import Body, Cell
+from neugrasp.simulation.truth import scan
+from neugrasp.views import DepthView, DepthViews, View, Views
+
+Depth = NDArray[np.float32]
+DepthFilter = Callable[[Depth], Depth]
+"""From an exact depth image to what a sensor would measure."""
+
+
+@dataclass(frozen=True)
+class PhotoCamera:
+    """Photos of the table as it is now."""
+
+    robot: SimulatedRobot
+    cell: Cell
+    backgrounds: Photos
+    """The empty table from every input camera of the cell."""
+    photographer: Photographer
+    library: ObjectLibrary
+    workspace: Workspace
+
+    def look(self) -> Views:
+        """The input views of the cell."""
+        indices = range(self.cell.num_inputs)
+        photos = self.photographer.render(self.cell, self.robot.scene(), self.library, indices)
+        return Views(
+            tuple(
+                View(photo, self.backgrounds[i], self.cell.cameras[i], f"view {i}")
+                for i, photo in zip(indices, photos, strict=True)
+            ),
+            self.workspace,
+        )
+
+
+@dataclass(frozen=True)
+class DepthCamera:
+    """Depth images of the table as it is now: exact, or as a filter makes them."""
+
+    world: World
+    cameras: Sequence[Camera]
+    measured: DepthFilter | None = None
+
+    def look(self) -> DepthViews:
+        """One depth image per camera."""
+        exact = [self.world.depth_and_mask(camera)[0] for camera in self.cameras]
+        depths = exact if self.measured is None else [self.measured(depth) for depth in exact]
+        views = tuple(DepthView(d, c) for d, c in zip(depths, self.cameras, strict=True))
+        return DepthViews(views, self.world.workspace)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The true surface: for measuring sticks that say so, and for nobody else."""
+
+    tsdf: Tsdf
+    workspace: Workspace
+
+
+class TruthCamera:
+    """The only way to the truth. Looks anew only when something has moved."""
+
+    def __init__(self, world: World):
+        self._world = world
+        self._seen: tuple[tuple[Body, ...], Truth] | None = None
+
+    def look(self) -> Truth:
+        """The surface from 18 exact depth images all around."""
+        bodies = self._world.bodies()
+        if self._seen is None or self._seen[0] != bodies:
+            workspace = self._world.workspace
+            self._seen = (bodies, Truth(scan(self._world, workspace), workspace))
+        return self._seen[1]

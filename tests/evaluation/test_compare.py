@@ -1,0 +1,145 @@
+"""Paired comparison, and the page of results."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rounds_by_hand import played
+
+from neugrasp.errors import InputError
+from neugrasp.evaluation.compare import compare
+from neugrasp.evaluation.episode import CRASHED, Episode, write_episode
+from neugrasp.evaluation.protocols import protocol_of
+from neugrasp.evaluation.results import write_results
+from neugrasp.evaluation.scores import scores
+from neugrasp.evaluation.tables import comparison_table, metrics_table
+
+FACTS = {
+    "detector": "vgn",
+    "scene": "packed",
+    "materials": "diffuse",
+    "strategy": "random",
+    "protocol": "paper",
+    "views": "released",
+    "depth": "exact",
+    "gripper": "panda",
+    "seed": 0,
+    "objects_sha256": "abc",
+    "weights": "vgn_conv.pth",
+}
+
+
+def evaluation(folder: Path, episodes: list[Episode], **changes: Any) -> Path:
+    folder.mkdir()
+    (folder / "run.json").write_text(json.dumps(FACTS | changes))
+    for episode in episodes:
+        write_episode(folder / "rounds" / f"{episode.index:06d}.json", episode)
+    return folder
+
+
+def outcomes(rng: np.random.Generator, rate: float, count: int) -> list[Episode]:
+    return [played(i, "".join(rng.choice(["+", "-"], 5, p=[rate, 1 - rate]))) for i in range(count)]
+
+
+def test_an_evaluation_does_not_differ_from_itself(tmp_path: Path, rng: np.random.Generator):
+    a = evaluation(tmp_path / "a", outcomes(rng, 0.5, 20))
+    result = compare(a, a)
+    assert result["rounds"] == 20
+    for name in ("SR", "FSR", "DR"):
+        assert result[name]["difference"] == 0
+        assert result[name]["ci"] == [0, 0]
+        assert result[name]["p"] == 1
+
+
+def test_a_large_difference_is_no_chance(tmp_path: Path, rng: np.random.Generator):
+    a = evaluation(tmp_path / "a", outcomes(rng, 0.3, 40))
+    b = evaluation(tmp_path / "b", outcomes(rng, 0.8, 40))
+    result = compare(a, b)
+    assert result["SR"]["difference"] == pytest.approx(50, abs=15)
+    assert result["SR"]["p"] < 0.001
+    assert result["SR"]["ci"][0] > 0
+    turned = compare(b, a)
+    assert turned["SR"]["difference"] == -result["SR"]["difference"]
+    assert "+" in comparison_table(result)
+
+
+def test_p_is_uniform_where_there_is_no_difference(tmp_path: Path):
+    """Of forty pairs of equals, about four have p < 0.1."""
+    rng, found = np.random.default_rng(3), []
+    for i in range(40):
+        a = evaluation(tmp_path / f"a{i}", outcomes(rng, 0.5, 12))
+        b = evaluation(tmp_path / f"b{i}", outcomes(rng, 0.5, 12))
+        found.append(compare(a, b)["DR"]["p"])
+    assert 0 <= np.count_nonzero(np.array(found) < 0.1) <= 10
+    assert 0.3 < np.mean(found) < 0.7
+
+
+def test_only_rounds_that_both_played_are_compared(tmp_path: Path):
+    a = evaluation(tmp_path / "a", [played(0, "+"), played(1, "+"), Episode(2, 0, CRASHED)])
+    b = evaluation(tmp_path / "b", [played(0, "-"), played(2, "-")])
+    result = compare(a, b)
+    assert result["rounds"] == 1
+    assert result["SR"]["difference"] == -100
+
+
+@pytest.mark.parametrize("key", ["protocol", "scene", "seed", "objects_sha256"])
+def test_evaluations_of_other_rounds_are_refused(tmp_path: Path, key: str):
+    a = evaluation(tmp_path / "a", [played(0, "+")])
+    b = evaluation(tmp_path / "b", [played(0, "+")], **{key: "another"})
+    with pytest.raises(InputError, match=key):
+        compare(a, b)
+
+
+def test_scenes_that_differ_are_refused(tmp_path: Path):
+    from dataclasses import replace
+
+    a = evaluation(tmp_path / "a", [played(0, "+")])
+    b = evaluation(tmp_path / "b", [replace(played(0, "+"), scene_sha256="other")])
+    with pytest.raises(InputError, match="round 0 began with another scene"):
+        compare(a, b)
+
+
+def metrics(episodes: list[Episode], **changes: Any) -> dict[str, Any]:
+    return {
+        "format": "neugrasp-metrics",
+        "version": 1,
+        **FACTS,
+        **scores(episodes, protocol_of("paper")),
+        "command": "neugrasp evaluate ...",
+        "commit": "abc1234",
+        "machine": "here",
+        **changes,
+    }
+
+
+def test_the_page_of_results_has_a_row_and_an_origin_for_every_file(tmp_path: Path):
+    folder = tmp_path / "results"
+    (folder / "second").mkdir(parents=True)
+    (folder / "first.json").write_text(json.dumps(metrics([played(0, "++-"), played(1, "--")])))
+    other = metrics([played(0, "+")], detector="oracle", protocol="vgn", depth=None)
+    (folder / "second" / "metrics.json").write_text(json.dumps(other))
+    page = write_results(folder, tmp_path / "results.md").read_text()
+    assert "| vgn (vgn_conv.pth, exact depth) | packed | any | released | random | 40.0 (" in page
+    assert "| oracle (vgn_conv.pth) |" in page
+    assert "2 of 5" in page
+    assert page.index("Protocol `paper`") < page.index("Protocol `vgn`")
+    assert "- first: `neugrasp evaluate ...` (commit abc1234, seed 0, here)" in page
+    assert write_results(folder, tmp_path / "again.md").read_text() == page
+
+
+def test_foreign_files_and_empty_folders_are_refused(tmp_path: Path):
+    with pytest.raises(InputError, match="holds neither"):
+        write_results(tmp_path, tmp_path / "out.md")
+    (tmp_path / "x.json").write_text("{}")
+    with pytest.raises(InputError, match=r"x\.json"):
+        write_results(tmp_path, tmp_path / "out.md")
+
+
+def test_the_table_of_a_run_names_crashes():
+    told = metrics_table(metrics([played(0, "+"), Episode(4, 0, CRASHED)]))
+    assert "CRASHED, counted nowhere: rounds 4" in told
+    assert "1 of 1 grasps" in told
