@@ -211,8 +211,8 @@ class Validate:
     """A name of a bundled gripper, or a file."""
     objects: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """The folder of URDF objects that the scenes were made of, where they were."""
-    threshold: float = 0.9
-    """Predicted probability of success below which nothing is tried."""
+    threshold: float | None = None
+    """Predicted probability of success below which nothing is tried; by default the weights' own."""
     seed: int = 0
     """Of the random antipodal grasps."""
 

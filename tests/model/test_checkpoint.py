@@ -8,6 +8,7 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
+from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
 from neugrasp.model.checkpoint import load_checkpoint, save_checkpoint
 
@@ -72,3 +73,11 @@ def test_nan_is_refused(model, tmp_path):
 def test_unknown_weights_name_the_ones_there_are():
     with pytest.raises(InputError, match="neither a file nor one of the shipped weights"):
         load_checkpoint("no-such-weights")
+
+
+def test_a_detector_takes_the_threshold_that_was_noted_with_its_weights(model, tmp_path):
+    save_checkpoint(tmp_path / "judged", model, {"threshold": 0.7})
+    save_checkpoint(tmp_path / "plain", model, {})
+    assert NeuGraspDetector.load(tmp_path / "judged").selection.threshold == 0.7
+    assert NeuGraspDetector.load(tmp_path / "judged", threshold=0.5).selection.threshold == 0.5
+    assert NeuGraspDetector.load(tmp_path / "plain").selection.threshold == 0.9

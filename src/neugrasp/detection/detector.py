@@ -38,6 +38,8 @@ class Detection:
     """The best quality of any voxel near a surface."""
     timing_s: dict[str, float]
     """Seconds of each stage."""
+    threshold: float | None = None
+    """The quality below which nothing is a grasp, where the detector has one."""
 
 
 class Detector(Protocol):
@@ -89,10 +91,14 @@ class NeuGraspDetector:
     ) -> NeuGraspDetector:
         """From shipped weights by name or a weights file, and a gripper by name or file.
 
-        Raises `InputError` where either cannot be used.
+        Without a `threshold`, the one noted with the weights when they were judged, else the paper's.
+        Raises `InputError` where weights or gripper cannot be used.
         """
-        selection = SelectionConfig() if threshold is None else SelectionConfig(threshold=threshold)
-        return cls(load_checkpoint(weights).model(), Gripper.load(gripper), selection, device)
+        checkpoint = load_checkpoint(weights)
+        if threshold is None:
+            threshold = float(checkpoint.about.get("threshold", SelectionConfig.threshold))
+        selection = SelectionConfig(threshold=threshold)
+        return cls(checkpoint.model(), Gripper.load(gripper), selection, device)
 
     @torch.no_grad()
     def detect(self, views: Views) -> Detection:
@@ -119,7 +125,14 @@ class NeuGraspDetector:
             chosen = select_grasps(prediction, self.model.workspace, self.gripper, self.selection)
             placed = views.workspace.world_from_workspace
             grasps = tuple(grasp.moved(placed) for grasp in chosen.grasps)
-        return Detection(grasps, prediction.tsdf, chosen.rejected, chosen.best_rejected, watch.seconds)
+        return Detection(
+            grasps,
+            prediction.tsdf,
+            chosen.rejected,
+            chosen.best_rejected,
+            watch.seconds,
+            self.selection.threshold,
+        )
 
     def _backgrounds(self, inputs: ViewTensors) -> Tensor | None:
         if not self.model.config.use_backgrounds:

@@ -22,7 +22,7 @@ import torch
 
 from neugrasp.baselines.antipodal import antipodal_grasp
 from neugrasp.data.records import Record
-from neugrasp.detection.decode import Prediction, SelectionConfig, select_grasps
+from neugrasp.detection.decode import Prediction, select_grasps
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import Workspace
@@ -109,7 +109,8 @@ class HeldOutRun:
     weights: str = "neugrasp"
     gripper: str = "panda"
     objects: Path | None = None
-    threshold: float = SelectionConfig().threshold
+    threshold: float | None = None
+    """None: the weights' own."""
     seed: int = 0
 
 
@@ -126,7 +127,7 @@ def run_held_out(run: HeldOutRun) -> dict[str, Any]:
     sets = sorted({body.object_set for record in records for body in record.scene.bodies})
     library = ObjectLibrary.open(sets, run.objects)
     run.out.mkdir(parents=True, exist_ok=True)
-    facts = _describe(run)
+    facts = _describe(run, detector.selection.threshold)
     path = run.out / "attempts.jsonl"
     missing = [record for record in records if record.name not in _finished(path)]
     with World(Workspace(), library, detector.gripper) as world, path.open("a") as file:
@@ -154,14 +155,14 @@ def _read_all(folders: tuple[Path, ...]) -> list[Record]:
     return records
 
 
-def _describe(run: HeldOutRun) -> dict[str, Any]:
+def _describe(run: HeldOutRun, threshold: float) -> dict[str, Any]:
     """What the attempts depend on besides the records: written to run.json or compared with it."""
     weights = find_weights(run.weights)
     facts = {
         "weights": weights.stem,
         "weights_sha256": hashlib.sha256(weights.read_bytes()).hexdigest(),
         "gripper": run.gripper,
-        "threshold": run.threshold,
+        "threshold": threshold,
         "seed": run.seed,
     }
     path = run.out / "run.json"
