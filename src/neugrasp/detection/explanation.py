@@ -1,0 +1,33 @@
+"""Why there are so many grasps and no more, or none: one sentence from the counts of a detection."""
+
+from __future__ import annotations
+
+from neugrasp.detection.detector import Detection
+
+WORDS = {
+    "off_the_surface": "off the surface",
+    "too_narrow": "too narrow to be real",
+    "too_wide_for_the_gripper": "too wide for the gripper",
+    "not_the_best_nearby": "beside a better one",
+}
+
+
+def explain(detection: Detection) -> str:
+    """ "0 of 64,000: 61,220 off the surface, 2,514 below 0.9 (best 0.83), 266 too wide for the gripper"."""
+    total = len(detection.grasps) + sum(detection.rejected.values())
+    text = f"{len(detection.grasps):,} of {total:,}"
+    if reasons := reasons_of(detection):
+        text += ": " + ", ".join(f"{count:,} {words}" for words, count in reasons)
+    return text
+
+
+def reasons_of(detection: Detection) -> list[tuple[str, int]]:
+    """Every reason in words with the number of candidates it rejected, in the order of the rules; no zeros."""
+    return [(_words(reason, detection), count) for reason, count in detection.rejected.items() if count]
+
+
+def _words(reason: str, detection: Detection) -> str:
+    if reason == "quality_below_threshold":
+        limit = "the threshold" if detection.threshold is None else f"{detection.threshold:g}"
+        return f"below {limit} (best {detection.best_rejected:.2f})"
+    return WORDS.get(reason, reason.replace("_", " "))

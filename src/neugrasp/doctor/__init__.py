@@ -1,0 +1,1 @@
+"""Looking at a capture before anything is predicted from it."""

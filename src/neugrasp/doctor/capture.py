@@ -1,0 +1,143 @@
+"""A scene read as far as it can be read: what `read_scene` refuses becomes a finding here."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image as Picture
+
+from neugrasp.data.scene_folder import FILE, read_json, view_of, workspace_of
+from neugrasp.doctor.findings import Finding, Level, green
+from neugrasp.doctor.problems import NOT_RIGID, ROTATION_TAG, TRANSPOSED, UNITS, UNREADABLE
+from neugrasp.errors import InputError
+from neugrasp.geometry.pose import is_rigid
+from neugrasp.views import MAX_VIEWS, View, Views
+
+ORIENTATION_TAG = 274
+
+
+@dataclass(frozen=True)
+class Capture:
+    """Photos and cameras as they were written down, before anybody trusts them."""
+
+    views: Views
+    numbers: tuple[int, ...]
+    """The place of each view in scene.json; unreadable ones are left out."""
+    backgrounds: tuple[int, ...]
+    """The view of `views` whose background file each view uses; its own unless that was mended."""
+    exchanged: bool = False
+    """Whether images and backgrounds have been exchanged to mend them."""
+
+    @classmethod
+    def of(cls, views: Views) -> Capture:
+        """A scene that is in memory."""
+        own = tuple(range(len(views)))
+        return cls(views, own, own)
+
+    def with_views(self, views: list[View]) -> Capture:
+        """The same capture with other photos or cameras."""
+        return replace(self, views=replace(self.views, views=tuple(views)))
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What a folder gave."""
+
+    capture: Capture | None
+    """None where no view could be read."""
+    findings: tuple[Finding, ...]
+    data: dict[str, Any] = field(default_factory=dict)
+    """The content of scene.json, transposed matrices and a size in millimetres already mended."""
+    mended: bool = False
+    """Whether `data` differs from the file."""
+
+
+def read_capture(path: Path) -> Reading:
+    """Every view of a scene folder that can be read, and what was wrong with the others."""
+    file = path if path.name == FILE else path / FILE
+    try:
+        written = read_json(file)
+        data, findings = _mended(written)
+        workspace = workspace_of(data, file)
+    except InputError as error:
+        return Reading(None, (Finding("files", Level.RED, str(error), _problem(str(error))),))
+    entries = data.get("views")
+    if not isinstance(entries, list) or not 1 <= len(entries) <= MAX_VIEWS:
+        text = f"{file}: 'views' must be a list of 1 to {MAX_VIEWS} views"
+        return Reading(None, (Finding("files", Level.RED, text, UNREADABLE),), data)
+    views: list[View] = []
+    numbers: list[int] = []
+    for number, entry in enumerate(entries):
+        try:
+            views.append(view_of(entry, f"{file}, view {number}", file.parent))
+            numbers.append(number)
+        except InputError as error:
+            findings.append(Finding("files", Level.RED, str(error), _problem(str(error)), (number,)))
+    if not any(finding.item == "files" for finding in findings):
+        findings.append(green("files", _sizes(views)))
+    capture = (
+        Capture(Views(tuple(views), workspace), tuple(numbers), tuple(range(len(views)))) if views else None
+    )
+    if turned := _turned(file.parent, entries, numbers):
+        text = f"EXIF orientation is not 1 in {', '.join(turned)}"
+        findings.append(Finding("rotation tag", Level.YELLOW, text, ROTATION_TAG))
+    return Reading(capture, tuple(findings), data, mended=data != written)
+
+
+def _mended(written: dict[str, Any]) -> tuple[dict[str, Any], list[Finding]]:
+    """A copy without the mistakes that are certain before a photo is looked at."""
+    data, findings = copy.deepcopy(written), []
+    workspace, views = data.get("workspace"), data.get("views")
+    if isinstance(workspace, dict):
+        if workspace.get("size") == 300:
+            workspace["size"] = 0.3
+            findings.append(Finding("units", Level.RED, "workspace size 300 m, meant as millimetres", UNITS))
+        if _is_transposed(workspace.get("world_from_workspace")):
+            workspace["world_from_workspace"] = _transposed(workspace["world_from_workspace"])
+            findings.append(Finding("poses", Level.RED, "world_from_workspace is transposed", TRANSPOSED))
+    entries = [view for view in views if isinstance(view, dict)] if isinstance(views, list) else []
+    turned = [i for i, view in enumerate(entries) if _is_transposed(view.get("world_from_camera"))]
+    for i in turned:
+        entries[i]["world_from_camera"] = _transposed(entries[i]["world_from_camera"])
+    if turned:
+        text = "the translation stands in the last row"
+        findings.append(Finding("poses", Level.RED, text, TRANSPOSED, tuple(turned)))
+    return data, findings
+
+
+def _is_transposed(value: Any) -> bool:
+    """Whether a matrix is no rigid transform and its transpose is one."""
+    try:
+        matrix = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return False
+    return matrix.shape == (4, 4) and not is_rigid(matrix) and is_rigid(matrix.T)
+
+
+def _transposed(value: Any) -> list[list[float]]:
+    rows: list[list[float]] = np.array(value, dtype=np.float64).T.tolist()
+    return rows
+
+
+def _problem(message: str) -> Any:
+    return NOT_RIGID if "rigid transform" in message else UNREADABLE
+
+
+def _sizes(views: list[View]) -> str:
+    sizes = sorted({(view.camera.width, view.camera.height) for view in views})
+    return f"{2 * len(views)} photos, " + ", ".join(f"{width} x {height}" for width, height in sizes)
+
+
+def _turned(folder: Path, entries: list[Any], numbers: list[int]) -> list[str]:
+    """The photos whose file says that they are to be shown turned."""
+    names = [entries[number][key] for number in numbers for key in ("image", "background")]
+    turned = []
+    for name in names:
+        with Picture.open(folder / name) as picture:
+            if picture.getexif().get(ORIENTATION_TAG, 1) != 1:
+                turned.append(name)
+    return turned

@@ -1,0 +1,42 @@
+"""`neugrasp doctor` as plain data; heavy parts load when it is run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from neugrasp.doctor.findings import Verdict
+
+
+@dataclass(frozen=True)
+class Doctor:
+    """Checks a capture before anything is predicted: files, conventions, units, light, focus, what is seen.
+
+    One line for each item, green, yellow or red, with the measured value and what to do. Ends with 1 on red.
+    """
+
+    scene: Path
+    """A scene folder: scene.json, images/, backgrounds/."""
+    report: Path | None = None
+    """An HTML file to write, with the cube and the table drawn into every photo."""
+    fix: Path | None = None
+    """A new folder for a corrected copy, where the cause is certain."""
+
+    def run(self) -> Verdict:
+        """The findings as text."""
+        from neugrasp.doctor.examination import examine_folder
+        from neugrasp.doctor.findings import Level
+        from neugrasp.doctor.fix import write_fixed
+        from neugrasp.doctor.report import report
+
+        diagnosis = examine_folder(self.scene)
+        lines = [*diagnosis.lines(), f"\n{self.scene}: {diagnosis.level.word}"]
+        if self.report is not None:
+            self.report.parent.mkdir(parents=True, exist_ok=True)
+            self.report.write_text(report(diagnosis, self.scene.name), encoding="utf-8")
+            lines.append(str(self.report))
+        if self.fix is not None:
+            write_fixed(diagnosis, self.scene, self.fix)
+            again = examine_folder(self.fix)
+            lines += [f"{self.fix}: {again.level.word}", *again.lines(Level.YELLOW)]
+        return Verdict("\n".join(lines), 1 if diagnosis.level == Level.RED else 0)

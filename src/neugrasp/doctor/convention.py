@@ -1,0 +1,232 @@
+"""Which convention and which unit the poses are in: the one in which the cameras look down at the cube."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from neugrasp.data.camera_checks import OPENCV_FROM_OPENGL
+from neugrasp.doctor.capture import Capture
+from neugrasp.doctor.findings import Finding, Level, Problem, green, views_text
+from neugrasp.doctor.problems import (
+    CAMERA_BELOW_TABLE,
+    CUBE_NOT_SEEN,
+    INVERTED,
+    INVERTED_OPENGL,
+    INVERTED_WORKSPACE,
+    ONE_VIEW_MISSES,
+    OPENGL,
+    UNITS,
+)
+from neugrasp.doctor.shot import shots_of
+from neugrasp.doctor.table import comparable, mean_correlation, table_pictures
+from neugrasp.geometry.camera import Camera
+from neugrasp.geometry.pose import Array, inverse
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.views import Views
+
+NEAREST, FARTHEST = 0.1, 3.0
+"""Metres between a camera and the middle of the table."""
+SEEN = 0.25
+"""Share of the cube that a view must see to make sense."""
+CONFIRMED = 0.5
+"""Agreement about the table from which on an unlikely reading is believed."""
+CLEAR = 0.15
+"""By how much the tables of one reading must agree better than those of the next to decide between them."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One way to understand the numbers."""
+
+    frames: Problem | None
+    """What is wrong with the poses; None as written."""
+    camera_unit: float
+    """Metres in one unit of the cameras' translations."""
+    workspace_unit: float
+    workspace_inverted: bool = False
+
+    @property
+    def mistakes(self) -> int:
+        """How many things are wrong; both units wrong in the same way are one thing."""
+        units = {self.camera_unit, self.workspace_unit} - {1.0}
+        return int(self.frames is not None) + int(self.workspace_inverted) + len(units)
+
+    def workspace(self, written: Workspace) -> Workspace:
+        """The cube, understood this way."""
+        pose = _scaled(written.world_from_workspace, self.workspace_unit)
+        return replace(written, world_from_workspace=inverse(pose) if self.workspace_inverted else pose)
+
+    def camera(self, written: Camera) -> Camera:
+        """A camera, understood this way."""
+        pose = FRAMES[self.frames](_scaled(written.world_from_camera, self.camera_unit))
+        return replace(written, world_from_camera=pose)
+
+
+FRAMES: dict[Problem | None, Callable[[Array], Array]] = {
+    None: lambda pose: pose,
+    OPENGL: lambda pose: pose @ OPENCV_FROM_OPENGL,
+    INVERTED: inverse,
+    INVERTED_OPENGL: lambda pose: inverse(pose) @ OPENCV_FROM_OPENGL,
+}
+UNIT_PAIRS = [(1.0, 1.0), (1e-3, 1.0), (1e-3, 1e-3), (1e-2, 1.0), (1e-2, 1e-2), (1.0, 1e-3), (1.0, 1e-2)]
+UNIT_NAMES = {1.0: "metres", 1e-2: "centimetres", 1e-3: "millimetres"}
+AS_WRITTEN = Reading(None, 1.0, 1.0)
+READINGS = [
+    Reading(frames, cameras, workspace, inverted)
+    for inverted, (cameras, workspace), frames in product((False, True), UNIT_PAIRS, FRAMES)
+]
+
+
+def check_convention(capture: Capture) -> tuple[Capture, list[Finding]]:
+    """The capture with its poses understood, and what was wrong; unchanged where the cause is not certain."""
+    views = capture.views
+    good = plausible(views)
+    fine = [green("convention", "OpenCV, world_from_camera"), green("units", _distances(views))]
+    if all(good):
+        return capture, fine
+    is_possible = all(plausible(views, share=0.01))
+    everything, bad_ones = [True] * len(good), [not is_good for is_good in good]
+    for only in [everything] * (sum(good) <= len(good) / 2) + [bad_ones] * any(good):
+        is_doubtful = is_possible or only != everything
+        candidates = _simplest(views, only)
+        if is_doubtful:
+            candidates = [entry for entry in candidates if _agreement(entry[1], only) >= CONFIRMED]
+        if candidates:
+            return _decided(capture, candidates, only)
+    return capture, fine if is_possible else _unexplained(views, good)
+
+
+def _simplest(views: Views, only: Sequence[bool]) -> list[tuple[Reading, Views]]:
+    """The readings of the chosen views in which all is plausible and the fewest mistakes, each once."""
+    found: list[tuple[Reading, Views]] = []
+    for reading in sorted(READINGS, key=lambda reading: reading.mistakes):
+        if found and reading.mistakes > found[0][0].mistakes:
+            break
+        read = understood(views, reading, only)
+        if all(plausible(read)) and not any(_is_same(read, other) for _, other in found):
+            found.append((reading, read))
+    return found
+
+
+def _is_same(one: Views, other: Views) -> bool:
+    return bool(np.allclose(_poses(one), _poses(other)))
+
+
+def _poses(views: Views) -> Array:
+    """The cube and all cameras (1 + n, 4, 4)."""
+    cameras = [view.camera.world_from_camera for view in views.views]
+    return np.stack([views.workspace.world_from_workspace, *cameras])
+
+
+def _agreement(views: Views, only: Sequence[bool]) -> float:
+    """Of the chosen photos with all others about the table, 0 where they cannot be compared."""
+    pictures = table_pictures(shots_of(views), views.workspace)
+    pairs = [(i, j) for i, j in comparable(pictures) if only[i] or only[j]]
+    return mean_correlation(pictures, pairs) if pairs else 0.0
+
+
+def understood(views: Views, reading: Reading, only: Sequence[bool]) -> Views:
+    """The scene with the chosen views, and the cube, read another way."""
+    changed = [
+        replace(view, camera=reading.camera(view.camera)) if is_meant else view
+        for view, is_meant in zip(views.views, only, strict=True)
+    ]
+    return Views(tuple(changed), reading.workspace(views.workspace))
+
+
+def plausible(views: Views, share: float = SEEN) -> list[bool]:
+    """For each view whether its camera stands above the table, at a possible distance, and sees enough of the
+    cube."""
+    return [_plausible(view.camera, views.workspace, share) for view in views.views]
+
+
+def _plausible(camera: Camera, workspace: Workspace, share: float) -> bool:
+    camera = camera.moved(inverse(workspace.world_from_workspace))
+    offset = camera.centre - workspace.centre
+    if not (NEAREST < np.linalg.norm(offset) < FARTHEST and offset[2] > 0.05):
+        return False
+    return bool(in_view(camera, slab(workspace)).mean() >= share)
+
+
+def slab(workspace: Workspace, count: int = 8) -> Array:
+    """Points (n, 3) of the cube between the table and the height of objects, workspace frame."""
+    flat = (np.arange(count) + 0.5) * workspace.size / count
+    upright = workspace.table_height + np.linspace(0, workspace.photo_height, 4)
+    return np.stack(np.meshgrid(flat, flat, upright, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def in_view(camera: Camera, points: Array) -> np.ndarray:
+    """Whether points (n, 3) of the camera's frame of reference lie in its photo."""
+    pixels, depth = camera.project(points)
+    left, top, right, bottom = camera.bounds
+    u, v = pixels[..., 0], pixels[..., 1]
+    return np.asarray((depth > 0.01) & (u >= left) & (u <= right) & (v >= top) & (v <= bottom))
+
+
+def _decided(
+    capture: Capture, candidates: list[tuple[Reading, Views]], only: list[bool]
+) -> tuple[Capture, list[Finding]]:
+    """Among readings in which all is plausible, the one in which the photos agree best about the table."""
+    if len(candidates) > 1:
+        scores = [_agreement(views, only) for _, views in candidates]
+        order = np.argsort(scores)[::-1]
+        if scores[order[0]] - scores[order[1]] < CLEAR:
+            names = " or ".join(_what(reading) for reading, _ in candidates[:3])
+            return capture, [Finding("convention", Level.RED, f"the cube is seen if: {names}", CUBE_NOT_SEEN)]
+        candidates = [candidates[order[0]]]
+    reading, views = candidates[0]
+    where = () if all(only) else tuple(i for i, is_meant in enumerate(only) if is_meant)
+    findings = []
+    if reading.frames is not None:
+        text = f"seen as written by no view of these, seen by all if {_what(reading)}"
+        findings.append(Finding("convention", Level.RED, text, reading.frames, where))
+    if reading.workspace_inverted:
+        text = "the cube is seen if world_from_workspace is inverted"
+        findings.append(Finding("convention", Level.RED, text, INVERTED_WORKSPACE))
+    if (reading.camera_unit, reading.workspace_unit) != (1.0, 1.0):
+        text = f"{_distances(capture.views)} as written; {_what(replace(reading, frames=None))} fits"
+        findings.append(Finding("units", Level.RED, text, UNITS, where))
+    return replace(capture, views=views), findings
+
+
+def _what(reading: Reading) -> str:
+    """The mistakes of a reading in words."""
+    words = [reading.frames.name[0].lower() + reading.frames.name[1:]] if reading.frames else []
+    if reading.workspace_inverted:
+        words.append("the workspace is inverted")
+    if reading.camera_unit != 1:
+        words.append(f"poses in {UNIT_NAMES[reading.camera_unit]}")
+    if reading.workspace_unit != 1:
+        words.append(f"world_from_workspace in {UNIT_NAMES[reading.workspace_unit]}")
+    return ", ".join(words) or "nothing is changed"
+
+
+def _unexplained(views: Views, good: list[bool]) -> list[Finding]:
+    bad = tuple(i for i, is_good in enumerate(good) if not is_good)
+    text = f"not seen by {views_text(bad)}; {_distances(views)}"
+    if any(good):
+        return [Finding("convention", Level.RED, text, ONE_VIEW_MISSES, bad)]
+    below = [
+        (inverse(views.workspace.world_from_workspace) @ v.camera.world_from_camera)[2, 3]
+        for v in views.views
+    ]
+    if all(height < views.workspace.table_height for height in below):
+        text = f"cameras {max(below) - views.workspace.table_height:.2f} m above the table"
+        return [Finding("convention", Level.RED, text, CAMERA_BELOW_TABLE)]
+    return [Finding("convention", Level.RED, text, CUBE_NOT_SEEN)]
+
+
+def _distances(views: Views) -> str:
+    middle = views.workspace.to_world(views.workspace.centre)
+    distances = [float(np.linalg.norm(view.camera.centre - middle)) for view in views.views]
+    return f"cameras {min(distances):.3g} to {max(distances):.3g} m from the table"
+
+
+def _scaled(pose: Array, unit: float) -> Array:
+    scaled = pose.copy()
+    scaled[:3, 3] *= unit
+    return scaled

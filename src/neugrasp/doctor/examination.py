@@ -1,0 +1,91 @@
+"""The whole examination of a capture, in the order in which one mistake hides the next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from neugrasp.doctor.camera_findings import check_coverage, check_intrinsics
+from neugrasp.doctor.capture import Capture, Reading, read_capture
+from neugrasp.doctor.convention import check_convention, plausible
+from neugrasp.doctor.findings import Finding, Level, worst
+from neugrasp.doctor.light_checks import check_brightness, check_light, check_sharpness
+from neugrasp.doctor.pair_checks import check_pairs
+from neugrasp.doctor.problems import BACKGROUND_DIFFERS, MIRRORED
+from neugrasp.doctor.shot import shots_of
+from neugrasp.doctor.table_checks import check_table
+
+UNPAIRED = (BACKGROUND_DIFFERS, MIRRORED)
+"""Where image and background cannot be laid over each other, nothing else can be said of the two."""
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What the doctor found, and the capture with every certain mistake undone."""
+
+    findings: tuple[Finding, ...]
+    capture: Capture | None
+    """None where nothing could be read."""
+    data: dict[str, Any]
+    """The content of scene.json; empty for a scene in memory."""
+    is_mended: bool
+    """Whether `capture` differs from what was written down."""
+
+    @property
+    def level(self) -> Level:
+        """The worst of all findings."""
+        return worst(self.findings)
+
+    def lines(self, least: Level = Level.GREEN) -> list[str]:
+        """The findings of at least this level as text, in order."""
+        return [finding.line() for finding in self.findings if finding.level >= least]
+
+
+def examine_folder(path: Path) -> Diagnosis:
+    """Of a scene on disk; never raises for what a user may have done to it."""
+    return _examine(read_capture(path))
+
+
+def examine(capture: Capture) -> Diagnosis:
+    """Of a scene in memory."""
+    return _examine(Reading(capture, ()))
+
+
+def _examine(reading: Reading) -> Diagnosis:
+    findings = list(reading.findings)
+    if reading.capture is None:
+        return Diagnosis(tuple(findings), None, reading.data, False)
+    capture, found = check_convention(reading.capture)
+    findings += found
+    if any(plausible(capture.views)):
+        capture, found = _look(capture)
+        findings += found
+    numbered = tuple(_numbered(finding, capture) for finding in findings)
+    return Diagnosis(numbered, capture, reading.data, reading.mended or capture is not reading.capture)
+
+
+def _look(capture: Capture) -> tuple[Capture, list[Finding]]:
+    """All checks that need cameras which look at the cube."""
+    findings: list[Finding] = []
+    for check in (check_intrinsics, check_pairs, check_table):
+        capture, found = check(capture)
+        findings += found
+    shots = shots_of(capture.views)
+    findings += check_coverage(capture.views)
+    unpaired = {i for finding in findings if finding.problem in UNPAIRED for i in finding.views}
+    paired = [shot for shot in shots if shot.index not in unpaired]
+    if paired:
+        found = [*check_light(paired), *check_sharpness(paired)]
+        findings += [_renumbered(finding, [shot.index for shot in paired]) for finding in found]
+    return capture, [*findings, *check_brightness(shots)]
+
+
+def _numbered(finding: Finding, capture: Capture) -> Finding:
+    """The finding with the views as scene.json numbers them, where some could not be read."""
+    return finding if finding.item in ("files", "poses") else _renumbered(finding, capture.numbers)
+
+
+def _renumbered(finding: Finding, numbers: Sequence[int]) -> Finding:
+    return replace(finding, views=tuple(numbers[i] for i in finding.views))

@@ -1,0 +1,106 @@
+"""How the light changed between two photos: exposure, white balance, and from one side to the other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from neugrasp.doctor.registration import tukey
+from neugrasp.doctor.shot import Mask, Plane, Shot, linear
+from neugrasp.geometry.pose import Array
+
+DARKEST, BRIGHTEST = 0.06, 0.97
+"""Displayed values between which a ratio of light is meaningful."""
+STRIDE = 3
+SMOOTHING = 1.5
+"""Standard deviation, pixels, of the blur that takes the noise away."""
+ROUNDS = 15
+DIFFERENT = 0.06
+"""Displayed difference, of 1, that an eye sees as something else."""
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Light of the image over light of the background where both show the same, in stops (EV)."""
+
+    exposure: float
+    """Of the middle of the shot."""
+    white_balance: float
+    """Largest difference between two colour channels."""
+    slope: float
+    """Largest difference between two corners: a lamp or the daylight moved."""
+    compared: float
+    """Share of the shot that shows the same in both; what is small says nothing."""
+    plane: Array
+    """(3, 3): for each channel the stops at the middle and per half width and half height."""
+
+    def corrected(self, background: Plane) -> Plane:
+        """The background as it would look in the light of the image."""
+        stops = _basis(background.shape[:2]) @ self.plane.T
+        light = np.clip(linear(background) * 2.0**stops, 0, 1)
+        display = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+        return np.asarray(display, dtype=np.float32)
+
+
+def drift_of(shot: Shot) -> Drift:
+    """The change of light between the photo and its background; objects and their shadows do not count."""
+    image, background = (_smooth(p)[::STRIDE, ::STRIDE] for p in (shot.image, shot.background))
+    basis = _basis(shot.image.shape[:2])[::STRIDE, ::STRIDE].reshape(-1, 3)
+    usable = (
+        (image > DARKEST) & (image < BRIGHTEST) & (background > DARKEST) & (background < BRIGHTEST)
+    ).all(-1)
+    usable = usable.ravel()
+    if usable.sum() < 50:
+        return Drift(0.0, 0.0, 0.0, 0.0, np.zeros((3, 3)))
+    stops = np.log2(linear(image) / linear(background)).reshape(-1, 3)[usable]
+    basis = basis[usable]
+    _, weight = _robust_plane(basis, stops.mean(axis=-1))
+    root = np.sqrt(weight)[:, None]
+    plane = np.linalg.lstsq(basis * root, stops * root, rcond=None)[0].T
+    mean = plane.mean(axis=0)
+    return Drift(
+        exposure=float(mean[0]),
+        white_balance=float(np.ptp(plane[:, 0])),
+        slope=float(2 * np.abs(mean[1:]).sum()),
+        compared=float((weight > 0.1).sum() / len(usable)),
+        plane=plane,
+    )
+
+
+def different(shot: Shot, drift: Drift) -> Mask:
+    """(h, w): where the photo shows something else than the background, the change of light taken away."""
+    difference = np.abs(_smooth(shot.image) - _smooth(drift.corrected(shot.background))).max(axis=-1)
+    return np.asarray(difference > DIFFERENT)
+
+
+def _smooth(picture: Plane) -> Array:
+    return np.asarray(ndimage.gaussian_filter(picture.astype(np.float64), (SMOOTHING, SMOOTHING, 0)))
+
+
+def _basis(shape: tuple[int, ...]) -> Array:
+    """(h, w, 3): 1 and the place in the picture, from -1 to 1."""
+    v, u = np.meshgrid(np.linspace(-1, 1, shape[0]), np.linspace(-1, 1, shape[1]), indexing="ij")
+    return np.stack([np.ones_like(u), u, v], axis=-1)
+
+
+def _robust_plane(basis: Array, values: Array) -> tuple[Array, Array]:
+    """The plane through the bulk of the values and the weights of all."""
+    plane = np.array([_mode(values), 0.0, 0.0])
+    weight = np.ones(len(values))
+    for _ in range(ROUNDS):
+        weight, _ = tukey(values - basis @ plane, floor=0.01)
+        root = np.sqrt(weight)
+        plane = np.linalg.lstsq(basis * root[:, None], values * root, rcond=None)[0]
+    return plane, weight
+
+
+def _mode(values: Array) -> float:
+    """Where values are densest: the middle of the shortest half, halved again and again."""
+    ordered = np.sort(values)
+    while len(ordered) > 3:
+        half = len(ordered) // 2
+        start = int(np.argmin(ordered[half:] - ordered[: len(ordered) - half]))
+        ordered = ordered[start : start + half]
+    return float(ordered.mean())

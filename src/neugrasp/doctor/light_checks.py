@@ -1,0 +1,159 @@
+"""Light, focus and what else differs between image and background."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy import ndimage
+
+from neugrasp.doctor.findings import Finding, Level, Limits, Problem, green, judged
+from neugrasp.doctor.light import Drift, different, drift_of
+from neugrasp.doctor.problems import (
+    BLURRED,
+    CHANGED_OUTSIDE,
+    DARK,
+    EXPOSURE,
+    LIGHT_MOVED,
+    NOTHING_THERE,
+    SATURATED,
+    WHITE_BALANCE,
+)
+from neugrasp.doctor.shot import Mask, Plane, Shot, grey
+from neugrasp.geometry.pose import Array
+
+EXPOSURE_LIMITS = Limits(0.25, 0.8)
+"""Stops. Rendered captures in constant light measure up to 0.11."""
+WHITE_BALANCE_LIMITS = Limits(0.15, 0.5)
+"""Stops between two channels; rendered captures measure up to 0.07."""
+SLOPE_LIMITS = Limits(0.5, 1.5)
+"""Stops from corner to corner; large objects and their shadows give up to 0.35."""
+OUTSIDE_LIMITS = Limits(5.0, 30.0)
+"""Percent of what lies around the cube; shadows of objects give up to 1."""
+WHITE_LIMITS = Limits(5.0, 30.0)
+"""Percent of the cube's part of the photo."""
+DARK_LIMITS = Limits(30.0, 80.0)
+COMPARED = 0.3
+"""Share of a shot that must show the same in both photos for the light to be compared."""
+MARGIN = 6
+"""Pixels around the cube in which its objects still cast shadows."""
+LEAST_AROUND = 0.03
+SHARE_IN_CUBE = 0.3
+"""Share of a changed patch inside the cube from which on it is an object with its shadow."""
+EVERYWHERE = 0.4
+"""Share of the surroundings that no shadows of objects cover."""
+LEAST_CHANGE = 0.3
+"""Percent of the cube's part of the photo that objects change at the least."""
+SHARPNESS = (0.7, 1.4, 2.8)
+"""Standard deviations, pixels, between which fine and less fine detail are told apart."""
+PAIR_LOSS, LOSS = Limits(1.25, 3.0), Limits(2.0, 4.0)
+"""How many times less fine detail a photo may have than its fellow, which shows the same, and than usual."""
+SHARP = 0.5
+"""Fine over coarser detail of a photo that is just in focus; rendered captures measure 0.6 and more."""
+NOISE = 0.8 / 255
+"""Detail below this strength is noise, and says nothing of sharpness."""
+
+
+def check_light(shots: Sequence[Shot]) -> list[Finding]:
+    """Exposure, white balance, moved light, changes around the cube, and whether anything stands in it."""
+    drifts = [drift_of(shot) for shot in shots]
+    comparable = [i for i, drift in enumerate(drifts) if drift.compared >= COMPARED]
+    if not comparable:
+        return [green("light", "image and background have too little in common to compare their light")]
+
+    def drift(item: str, value: Callable[[Drift], float], limits: Limits, problem: Problem) -> Finding:
+        values = [abs(value(drifts[i])) if i in comparable else 0.0 for i in range(len(shots))]
+        return judged(item, values, limits, "EV", problem)
+
+    findings = [
+        drift("exposure", lambda d: d.exposure, EXPOSURE_LIMITS, EXPOSURE),
+        drift("white balance", lambda d: d.white_balance, WHITE_BALANCE_LIMITS, WHITE_BALANCE),
+        drift("light", lambda d: d.slope, SLOPE_LIMITS, LIGHT_MOVED),
+    ]
+    masks = [different(shot, one) for shot, one in zip(shots, drifts, strict=True)]
+    return [*findings, *_changes(shots, masks, comparable)]
+
+
+def _changes(shots: Sequence[Shot], masks: Sequence[Mask], comparable: Sequence[int]) -> list[Finding]:
+    """What differs outside of the cube, and inside."""
+    around = [_around(shot) for shot in shots]
+    outside = [
+        100 * _foreign(mask, shots[i].inside, zone) if i in comparable and zone.mean() > LEAST_AROUND else 0.0
+        for i, (mask, zone) in enumerate(zip(masks, around, strict=True))
+    ]
+    findings = [judged("around the cube", outside, OUTSIDE_LIMITS, "% changed", CHANGED_OUTSIDE, 1)]
+    inside = [100 * float(m[s.inside].mean()) for m, s in zip(masks, shots, strict=True) if s.inside.any()]
+    if inside:
+        text = f"{min(inside):.1f} to {max(inside):.1f} % of the cube's part of the photo changed"
+        empty = max(inside) < LEAST_CHANGE
+        findings.append(
+            Finding("in the cube", Level.YELLOW, text, NOTHING_THERE) if empty else green("in the cube", text)
+        )
+    return findings
+
+
+def _foreign(mask: Mask, inside: Mask, zone: Mask) -> float:
+    """The share of what lies around the cube that changed, without the shadows that reach out of it."""
+    labels, count = ndimage.label(mask)
+    if float(mask[zone].mean()) > EVERYWHERE or count == 0:
+        return float(mask[zone].mean())
+    of_cube = ndimage.mean(inside, labels, np.arange(count + 1)) > SHARE_IN_CUBE
+    of_cube[0] = True
+    return float((~of_cube[labels])[zone].mean())
+
+
+def _around(shot: Shot) -> Mask:
+    """What is neither the cube nor so near to it that its objects' shadows fall there."""
+    if not shot.inside.any():
+        return np.zeros_like(shot.inside)
+    return ~np.asarray(ndimage.binary_dilation(shot.inside, iterations=MARGIN))
+
+
+def check_sharpness(shots: Sequence[Shot]) -> list[Finding]:
+    """Whether a photo has less fine detail than its fellow, than the other views, or than any sharp photo."""
+    details = [_details(shot) for shot in shots]
+    known = [value for pair in details if pair is not None for value in pair]
+    if not known:
+        return [green("sharpness", "too little texture to tell")]
+    usual = max(float(np.median(known)), SHARP)
+    pairs = [max(pair) / max(min(pair), 1e-6) if pair else 1.0 for pair in details]
+    views = [usual / max(min(pair), 1e-6) if pair else 1.0 for pair in details]
+    return [
+        judged("sharpness of pairs", pairs, PAIR_LOSS, "times less fine detail in one of the two", BLURRED),
+        judged("sharpness", views, LOSS, "times less fine detail than usual", BLURRED),
+    ]
+
+
+def _details(shot: Shot) -> tuple[float, float] | None:
+    """Fine over coarser detail of image and background where both show the same; None without texture."""
+    same = ~np.asarray(ndimage.binary_dilation(different(shot, drift_of(shot)), iterations=4))
+    if same.mean() < COMPARED:
+        same = np.ones_like(same)
+    image, background = _detail(shot.image, same), _detail(shot.background, same)
+    if max(image[1], background[1]) < NOISE:
+        return None
+    return image[0] / max(image[1], 1e-6), background[0] / max(background[1], 1e-6)
+
+
+def _detail(picture: Plane, where: Mask) -> tuple[float, float]:
+    """Strength (root mean square) of fine and of coarser detail."""
+    a, b, c = (ndimage.gaussian_filter(grey(picture), sigma) for sigma in SHARPNESS)
+    return _strength(a - b, where), _strength(b - c, where)
+
+
+def _strength(detail: Array, where: Mask) -> float:
+    return float(np.sqrt((detail[where] ** 2).mean()))
+
+
+def check_brightness(shots: Sequence[Shot]) -> list[Finding]:
+    """White and black parts of the photos, in the cube's part of them."""
+    white, black = [], []
+    for shot in shots:
+        inside = shot.inside if shot.inside.any() else np.ones_like(shot.inside)
+        pictures = (shot.image[inside], shot.background[inside])
+        white.append(100 * max(float((p.min(axis=-1) > 250 / 255).mean()) for p in pictures))
+        black.append(100 * max(float((p.max(axis=-1) < 8 / 255).mean()) for p in pictures))
+    return [
+        judged("saturation", white, WHITE_LIMITS, "% white", SATURATED, 1),
+        judged("darkness", black, DARK_LIMITS, "% black", DARK, 1),
+    ]

@@ -1,0 +1,161 @@
+"""Does each background belong to its image: the same place, and objects in the one only?"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from PIL import Image as Picture
+
+from neugrasp.doctor.capture import Capture
+from neugrasp.doctor.findings import Finding, Level, Limits, green, named
+from neugrasp.doctor.problems import BACKGROUND_DIFFERS, EXCHANGED, MIRRORED, SAME_PHOTO, SHIFTED, SWAPPED
+from neugrasp.doctor.registration import Shift, shift_between, texture
+from neugrasp.doctor.shot import Plane, Shot, grey, shots_of
+from neugrasp.doctor.table import comparable, mean_correlation, table_pictures
+from neugrasp.views import View
+
+SHIFT = Limits(0.3, 1.5)
+"""Pixels of the network's crop."""
+MATCH = 0.5
+"""Correlation from which on two photos show the same table from the same place; chance gives 0.1."""
+TEXTURED = 1.5 / 255
+"""The strongest tenth of the texture from which on a shift can be told, of 1."""
+MORE_EDGES = 1.3
+ITEM = "background"
+
+
+def check_pairs(capture: Capture) -> tuple[Capture, list[Finding]]:
+    """Findings on all pairs, and the capture with exchanged or swapped photos put right."""
+    views = capture.views.views
+    same = [i for i, view in enumerate(views) if np.array_equal(view.image, view.background)]
+    if same:
+        text = "image and background are equal"
+        return capture, [Finding(ITEM, Level.RED, text, SAME_PHOTO, named(same, len(views)))]
+    shots = shots_of(capture.views)
+    shifts = [shift_between(grey(shot.image), grey(shot.background)) for shot in shots]
+    capture, findings = _placed(capture, shots, shifts)
+    still = [i for i, s in enumerate(shifts) if s.agreement < MATCH or SHIFT.level(s.length) == Level.GREEN]
+    shots = [shot for shot in shots_of(capture.views) if shot.index in still]
+    if not any(finding.level == Level.RED for finding in findings) and (text := _exchanged(shots, capture)):
+        findings.append(Finding(ITEM, Level.RED, text, EXCHANGED))
+        turned = [replace(view, image=view.background, background=view.image) for view in capture.views.views]
+        capture = replace(capture.with_views(turned), exchanged=not capture.exchanged)
+    return capture, findings
+
+
+def _exchanged(shots: list[Shot], capture: Capture) -> str:
+    """What speaks for exchanged images and backgrounds; empty if nothing does.
+
+    The empty table is flat, so its photos agree when laid onto the table plane, and those with objects less;
+    on a plain table, objects are what has edges.
+    """
+    workspace = capture.views.workspace
+    tables = [table_pictures(shots, workspace)]
+    tables.append(table_pictures([replace(shot, background=shot.image) for shot in shots], workspace))
+    if pairs := comparable(tables[0]):
+        empty, full = (mean_correlation(pictures, pairs) for pictures in tables)
+        if max(empty, full) > MATCH:
+            text = f"the images agree about the table by {full:.2f}, the backgrounds by {empty:.2f}"
+            return text if full > empty + 0.05 else ""
+    edges = [(_edges(shot.image, shot), _edges(shot.background, shot)) for shot in shots]
+    if edges and all(background > MORE_EDGES * image for image, background in edges):
+        return "every background has more edges in the cube than its image"
+    return ""
+
+
+def _edges(picture: Plane, shot: Shot) -> float:
+    inside = shot.inside if shot.inside.any() else np.ones_like(shot.inside)
+    return float(np.sqrt((texture(grey(picture))[inside] ** 2).mean()))
+
+
+def _placed(capture: Capture, shots: list[Shot], shifts: list[Shift]) -> tuple[Capture, list[Finding]]:
+    """The shift between image and background of every view; where there is none to be found, whose it is."""
+    textured = [_is_textured(shot) for shot in shots]
+    lost = [i for i, shift in enumerate(shifts) if textured[i] and shift.agreement < MATCH]
+    known = [i for i, shift in enumerate(shifts) if shift.agreement >= MATCH]
+    findings: list[Finding] = []
+    if lost:
+        capture, findings = _foreign(capture, shots, lost)
+    if known:
+        findings.append(_shifted(shots, shifts, known))
+    elif not lost:
+        findings.append(green(ITEM, "too little texture on the table to tell a shift"))
+    return capture, findings
+
+
+def _is_textured(shot: Shot) -> bool:
+    strength = np.abs(texture(grey(shot.background)))
+    return bool(np.percentile(strength, 90) > TEXTURED)
+
+
+def _shifted(shots: list[Shot], shifts: list[Shift], known: list[int]) -> Finding:
+    """The largest shift that could be measured."""
+    level = max(SHIFT.level(shifts[i].length) for i in known)
+    worst = max(known, key=lambda i: shifts[i].length)
+    shift, scale = shifts[worst], shots[worst].photo_pixels
+    size = f"{shift.length * scale:.2f} pixels of the photo"
+    if level == Level.GREEN:
+        return green(ITEM, f"shifted by at most {size}")
+    text = f"shifted by ({shift.x * scale:+.2f}, {shift.y * scale:+.2f}), {size}"
+    bad = [i for i in known if SHIFT.level(shifts[i].length) == level]
+    return Finding(ITEM, level, text, SHIFTED, named(bad, len(shots)))
+
+
+def _foreign(capture: Capture, shots: list[Shot], lost: list[int]) -> tuple[Capture, list[Finding]]:
+    """Views whose background is not theirs: whose it is, or whether one of the two is mirrored."""
+    views = list(capture.views.views)
+    owner = {i: _owner(views, shots, i) for i in lost}
+    swapped = tuple(i for i in lost if owner[i] is not None)
+    findings = []
+    if swapped:
+        text = ", ".join(f"image {i} fits background {owner[i]}" for i in swapped)
+        findings.append(Finding(ITEM, Level.RED, text, SWAPPED, swapped))
+        order = [owner.get(i, i) for i in range(len(views))]
+        if None not in order and sorted(o for o in order if o is not None) == list(range(len(views))):
+            capture = _with_backgrounds(capture, [o for o in order if o is not None])
+    rest = tuple(i for i in lost if i not in swapped)
+    turned = tuple(i for i in rest if _is_turned(shots[i], views[i]))
+    if turned:
+        text = "the image fits its background when one of them is turned over"
+        findings.append(Finding(ITEM, Level.RED, text, MIRRORED, turned))
+    if strange := tuple(i for i in rest if i not in turned):
+        text = "no shift brings the table's texture to cover"
+        findings.append(Finding(ITEM, Level.RED, text, BACKGROUND_DIFFERS, strange))
+    return capture, findings
+
+
+def _owner(views: list[View], shots: list[Shot], index: int) -> int | None:
+    """The view whose background shows what image `index` shows, from the same place."""
+    image = views[index].image
+    for j, other in enumerate(views):
+        if j == index or other.background.shape != image.shape:
+            continue
+        foreign = _cut(other.background, shots[index])
+        if shift_between(grey(shots[index].image), grey(foreign)).agreement >= MATCH:
+            return j
+    return None
+
+
+def _is_turned(shot: Shot, view: View) -> bool:
+    """Whether the image fits its background when it is mirrored or turned upside down."""
+    turned = [view.image[:, ::-1], view.image[::-1], view.image[::-1, ::-1]]
+    cuts = [_cut(np.ascontiguousarray(picture), shot) for picture in turned]
+    return any(shift_between(grey(cut), grey(shot.background)).agreement >= MATCH for cut in cuts)
+
+
+def _cut(photo: np.ndarray, shot: Shot) -> Plane:
+    """The part of another photo of the same size that a shot shows."""
+    height, width = shot.background.shape[:2]
+    left, top, right, bottom = (edge + 0.5 for edge in shot.box)
+    picture = Picture.fromarray(photo).resize(
+        (width, height), Picture.Resampling.BOX, (left, top, right, bottom)
+    )
+    return np.asarray(picture, dtype=np.float32) / 255
+
+
+def _with_backgrounds(capture: Capture, order: list[int]) -> Capture:
+    views = capture.views.views
+    changed = [replace(view, background=views[j].background) for view, j in zip(views, order, strict=True)]
+    backgrounds = tuple(capture.backgrounds[j] for j in order)
+    return replace(capture.with_views(changed), backgrounds=backgrounds)

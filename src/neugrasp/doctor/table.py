@@ -1,0 +1,150 @@
+"""Do the photos of the empty table agree about it? Laid onto the table plane, they must show the same.
+
+The table is flat, so cameras, intrinsics and the place of the cube are right together exactly where the
+backgrounds of all views coincide on it. No network and no correspondences are needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy import ndimage
+
+from neugrasp.doctor.registration import Shift, shift_between
+from neugrasp.doctor.shot import Mask, Shot, grey
+from neugrasp.geometry.camera import Camera
+from neugrasp.geometry.pose import Array
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.views import Image
+
+STEP = 0.0015
+"""Metres between the points of the table that are compared; about a pixel of the network."""
+COARSE_STEP = 0.003
+"""Metres, where many explanations are tried."""
+FINE, BROAD = 0.0015, 0.012
+"""Metres: standard deviations between which differences of brightness are neither noise nor light."""
+SMALLEST_PART = 0.15
+"""Share of the table that two views must both see to be compared."""
+LEAST_CONTRAST = 0.004
+"""Standard deviation of the table's texture, of 1, below which nothing can be compared."""
+
+
+@dataclass(frozen=True)
+class TablePicture:
+    """A background laid onto the table plane, as a map of the table inside the cube."""
+
+    texture: Array
+    """(n, n) brightness without broad light, 0 where not seen."""
+    seen: Mask
+    """(n, n)"""
+    contrast: float
+    """Standard deviation of the texture."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How well a pair of views agrees about the table."""
+
+    first: int
+    second: int
+    correlation: float
+    """Of the two pictures of the table, -1 to 1."""
+    shift: Shift
+    """Steps on the table."""
+
+    @property
+    def offset(self) -> float:
+        """Metres by which the two pictures of the table are apart."""
+        return self.shift.length * STEP
+
+
+def table_picture(
+    background: Array, camera: Camera, workspace: Workspace, raised: float = 0.0, step: float = STEP
+) -> TablePicture:
+    """A grey background (h, w) seen from above, by the camera's word (workspace frame); the table `raised`
+    metres above where the workspace has it."""
+    axis = np.arange(step / 2, workspace.size, step)
+    x, y = np.meshgrid(axis, axis, indexing="ij")
+    height = np.full_like(x, workspace.table_height + raised)
+    pixels, depth = camera.project(np.stack([x, y, height], axis=-1))
+    left, top, right, bottom = camera.bounds
+    u, v = pixels[..., 0], pixels[..., 1]
+    seen = (depth > 0.01) & (u > left + 1) & (u < right - 1) & (v > top + 1) & (v < bottom - 1)
+    places = np.stack([np.where(seen, v, 0.0), np.where(seen, u, 0.0)])
+    values = ndimage.map_coordinates(background, places, order=1, mode="nearest")
+    fine, broad = (_blurred(values, seen, sigma / step) for sigma in (FINE, BROAD))
+    texture = np.where(seen, fine - broad, 0.0)
+    return TablePicture(texture, seen, float(texture[seen].std()) if seen.any() else 0.0)
+
+
+def table_pictures(
+    shots: Sequence[Shot], workspace: Workspace, raised: float = 0.0, step: float = STEP
+) -> list[TablePicture]:
+    """The tables of all shots."""
+    return [table_picture(grey(s.background), s.camera, workspace, raised, step) for s in shots]
+
+
+def correlation(first: TablePicture, second: TablePicture) -> float | None:
+    """Of two pictures of the table where both see it, -1 to 1; None where there is too little to compare."""
+    both = first.seen & second.seen
+    if both.mean() < SMALLEST_PART or min(first.contrast, second.contrast) < LEAST_CONTRAST:
+        return None
+    a, b = first.texture[both], second.texture[both]
+    energy = float(np.sqrt((a * a).sum() * (b * b).sum()))
+    return float((a * b).sum()) / max(energy, 1e-12)
+
+
+def comparable(pictures: Sequence[TablePicture]) -> list[tuple[int, int]]:
+    """The pairs of which both see enough of the same part of the table."""
+    pairs = combinations(range(len(pictures)), 2)
+    return [(i, j) for i, j in pairs if correlation(pictures[i], pictures[j]) is not None]
+
+
+def mean_correlation(
+    pictures: Sequence[TablePicture], pairs: Sequence[tuple[int, int]] | None = None
+) -> float:
+    """The mean over pairs of views, by default those that can be compared; 0 for a pair that cannot."""
+    values = [correlation(pictures[i], pictures[j]) or 0.0 for i, j in pairs or comparable(pictures)]
+    return float(np.mean(values)) if values else 0.0
+
+
+def agreements(pictures: Sequence[TablePicture]) -> list[Agreement]:
+    """Of all pairs of views that can be compared."""
+    return [
+        Agreement(
+            i,
+            j,
+            correlation(pictures[i], pictures[j]) or 0.0,
+            shift_between(*_common(pictures[i], pictures[j])),
+        )
+        for i, j in comparable(pictures)
+    ]
+
+
+def _common(first: TablePicture, second: TablePicture) -> tuple[Array, Array]:
+    """The two textures, cut to the rectangle around what both see."""
+    both = first.seen & second.seen
+    rows, columns = np.flatnonzero(both.any(axis=1)), np.flatnonzero(both.any(axis=0))
+    part = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+    return np.where(both, first.texture, 0)[part], np.where(both, second.texture, 0)[part]
+
+
+def _blurred(values: Array, seen: Mask, sigma: float) -> Array:
+    """A Gaussian blur in which what is not seen has no weight."""
+    weight = ndimage.gaussian_filter(seen.astype(np.float64), sigma)
+    total = ndimage.gaussian_filter(np.where(seen, values, 0.0), sigma)
+    return np.asarray(total / np.maximum(weight, 1e-6))
+
+
+def table_colours(shot: Shot, workspace: Workspace) -> Image:
+    """(n, n, 3) uint8, for people: the background laid onto the table, x to the right and y upwards."""
+    axis = np.arange(STEP / 2, workspace.size, STEP)
+    x, y = np.meshgrid(axis, axis[::-1])
+    pixels, depth = shot.camera.project(np.stack([x, y, np.full_like(x, workspace.table_height)], axis=-1))
+    places = [pixels[..., 1], pixels[..., 0]]
+    colours = [ndimage.map_coordinates(shot.background[..., c], places, order=1) for c in range(3)]
+    picture = np.stack(colours, axis=-1) * (depth > 0.01)[..., None]
+    return np.asarray((picture * 255).round().clip(0, 255).astype(np.uint8))

@@ -1,0 +1,1 @@
+"""What a prediction looks like to a person: one HTML file."""

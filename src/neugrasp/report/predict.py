@@ -1,0 +1,71 @@
+"""From a scene folder to the files of a prediction, with the doctor's word before."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+
+from neugrasp.data.scene_folder import read_scene
+from neugrasp.detection.detector import NeuGraspDetector
+from neugrasp.detection.explanation import explain
+from neugrasp.doctor.capture import Capture
+from neugrasp.doctor.examination import Diagnosis, examine
+from neugrasp.doctor.findings import Level
+from neugrasp.errors import InputError
+from neugrasp.export import whole_or_nothing, write_prediction
+from neugrasp.report.prediction import prediction_report
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PredictRun:
+    """What is predicted from, where to, and how."""
+
+    scene: Path
+    """A scene folder."""
+    out: Path
+    """Where the files are written: all of them or none."""
+    weights: str = "neugrasp"
+    """A name of bundled weights, or a file."""
+    gripper: str = "panda"
+    """A name of a bundled gripper, or a file."""
+    with_report: bool = False
+    """Whether report.html is written, too."""
+    is_forced: bool = False
+    """Whether to predict even where the doctor says red."""
+
+
+def predict(run: PredictRun) -> str:
+    """How many grasps, or why none, and the names of the files written.
+
+    Raises `InputError` where the doctor finds the capture unusable, with what to do.
+    """
+    views = read_scene(run.scene)
+    diagnosis = examine(Capture.of(views))
+    _check(run, diagnosis)
+    detector = NeuGraspDetector.load(run.weights, run.gripper)
+    detection = detector.detect(views)
+    names = ["grasps.json", "surface.ply", "tsdf.npz", "overlay.png"]
+    with whole_or_nothing(run.out) as part:
+        write_prediction(part, views, detection, detector.gripper)
+        if run.with_report:
+            document = prediction_report(run.scene.name, views, detection, detector.gripper, diagnosis)
+            (part / "report.html").write_text(document, encoding="utf-8")
+            names.append("report.html")
+    if detection.grasps:
+        first = f"{len(detection.grasps)} grasps, the best with score {detection.grasps[0].score:.2f}"
+    else:
+        first = f"no grasps: {explain(detection)}"
+    return "\n".join([first, *(str(run.out / name) for name in names)])
+
+
+def _check(run: PredictRun, diagnosis: Diagnosis) -> None:
+    """Warns of what is yellow; raises `InputError` on red unless forced."""
+    red = diagnosis.lines(Level.RED)
+    if red and not run.is_forced:
+        hint = f"`neugrasp doctor {run.scene} --report FILE.html` shows it, --force predicts all the same"
+        raise InputError("\n".join([f"{run.scene}: the doctor says red; {hint}", *red]))
+    for line in diagnosis.lines(Level.YELLOW):
+        logger.warning("%s", line)
