@@ -13,7 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ball_record import ball_record
 from neugrasp import cli
+from neugrasp.data.scene_folder import write_scene
 from neugrasp.detection.detector import Detection, NeuGraspDetector
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import rigid
@@ -38,6 +40,13 @@ class FlatTable:
             Grasp(rigid(DOWN, (0.15, 0.15, 0.06)), 0.04, 0.95 - 0.01 * i) for i in range(self.count)
         )
         return Detection(grasps, tsdf, {"too_narrow": 7}, 0.5, {"images": 0.1, "selection": 0.02})
+
+
+@pytest.fixture
+def scene_folder(tmp_path: Path) -> Path:
+    """A capture that the doctor calls green."""
+    write_scene(tmp_path / "scene", ball_record(size=256).views())
+    return tmp_path / "scene"
 
 
 @pytest.fixture
@@ -72,7 +81,7 @@ def test_predict_says_why_there_are_no_grasps(
 ):
     flat_table.count = 0
     assert cli.main(["predict", str(scene_folder), "--out", str(tmp_path / "out")]) == 0
-    assert "no grasps; best quality 0.50; voxels rejected: 7 too_narrow" in capsys.readouterr().out
+    assert "no grasps: 0 of 7: 7 too narrow to be real" in capsys.readouterr().out
 
 
 def test_a_mistake_of_the_user_ends_with_2_and_one_line(

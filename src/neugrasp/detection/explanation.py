@@ -22,7 +22,7 @@ def explain(detection: Detection) -> str:
 
 
 def reasons_of(detection: Detection) -> list[tuple[str, int]]:
-    """Every reason in words with the number of candidates it rejected, in the order of the rules; no zeros."""
+    """Every reason in words with the number of candidates it rejected, in the order of the rules."""
     return [(_words(reason, detection), count) for reason, count in detection.rejected.items() if count]
 
 

@@ -38,6 +38,8 @@ OFFSET = Limits(0.003, 0.010)
 """Metres by which tables may lie apart; a voxel has 7.5 mm."""
 RELIABLE = 0.6
 """Correlation from which on a measured shift is believed."""
+FAR = 0.02
+"""Metres beyond which a shift is not believed of tables that agree unshifted."""
 HOPELESS = 0.2
 """Correlation below which the cameras have nothing to do with the photos."""
 HEIGHTS = np.arange(-0.10, 0.1601, 0.01)
@@ -145,7 +147,12 @@ def _is_agreed(pair: Agreement) -> bool:
 
 def _offset(pairs: list[Agreement]) -> Finding:
     """Of tables that agree: by how much they lie apart."""
-    reliable = [pair for pair in pairs if pair.shift.agreement > RELIABLE]
+    # A regular pattern covers itself again a period further on: far shifts of tables that agree do not count.
+    reliable = [
+        pair
+        for pair in pairs
+        if pair.shift.agreement > RELIABLE and (pair.offset < FAR or pair.correlation < AGREED)
+    ]
     offset = max((pair.offset for pair in reliable), default=0.0)
     text = f"the photos of the table agree by {_mean(pairs):.2f} of 1, at most {offset * 1000:.1f} mm apart"
     level = OFFSET.level(offset)

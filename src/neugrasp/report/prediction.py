@@ -25,7 +25,7 @@ LISTED = 30
 def prediction_report(
     name: str, views: Views, detection: Detection, gripper: Gripper, diagnosis: Diagnosis
 ) -> str:
-    """A whole HTML document: pictures, the scene to turn, grasps, rejected candidates, timings, the doctor."""
+    """A whole HTML page: pictures, the scene to turn, grasps, rejected candidates, timings, the doctor."""
     if detection.grasps:
         count, best = len(detection.grasps), detection.grasps[0].score
         lead = f"{count} grasps for the {gripper.name} gripper, the best with score {best:.2f}. "

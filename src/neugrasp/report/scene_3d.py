@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from importlib import resources
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from neugrasp.geometry.pose import Array, apply, inverse
 from neugrasp.geometry.surface import Surface, surface_of
@@ -22,7 +23,7 @@ FRUSTUM = 0.06
 """Length in metres of the pyramid that stands for a camera."""
 
 
-def scene_3d(views: Views, tsdf: Array, grasps: Sequence[Grasp], gripper: Gripper) -> str:
+def scene_3d(views: Views, tsdf: ArrayLike, grasps: Sequence[Grasp], gripper: Gripper) -> str:
     """A canvas that can be turned with the mouse, as HTML; everything in the workspace frame."""
     workspace = views.workspace
     workspace_from_world = inverse(workspace.world_from_workspace)
@@ -47,7 +48,7 @@ def scene_3d(views: Views, tsdf: Array, grasps: Sequence[Grasp], gripper: Grippe
     script = (resources.files("neugrasp.report") / "scene_3d.js").read_text(encoding="utf-8")
     return (
         '<canvas id="scene" style="width:100%;height:520px;cursor:grab;touch-action:none"></canvas>\n'
-        "<p class='remedy'>Drag to turn, wheel to come nearer, click a row of the table to see one grasp.</p>\n"
+        "<p class='remedy'>Drag to turn, wheel to come nearer, click a row of the table for one grasp.</p>\n"
         f'<script id="scene-data" type="application/json">{json.dumps(data)}</script>\n'
         f"<script>\n{script}</script>"
     )
