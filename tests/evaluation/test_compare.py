@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rounds_by_hand import played
 
 from neugrasp.errors import InputError
 from neugrasp.evaluation.compare import compare
@@ -17,6 +16,7 @@ from neugrasp.evaluation.protocols import protocol_of
 from neugrasp.evaluation.results import write_results
 from neugrasp.evaluation.scores import scores
 from neugrasp.evaluation.tables import comparison_table, metrics_table
+from rounds_by_hand import played
 
 FACTS = {
     "detector": "vgn",

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rounds_by_hand import attempt, played
 
 from neugrasp.errors import InputError
 from neugrasp.evaluation.episode import CRASHED, NOTHING_DETECTED, Episode, read_episode, write_episode
@@ -15,6 +14,7 @@ from neugrasp.evaluation.protocols import PROTOCOLS
 from neugrasp.evaluation.rounds import num_rounds
 from neugrasp.evaluation.scores import scores
 from neugrasp.metrics import wilson_interval
+from rounds_by_hand import attempt, played
 
 PAPER, VGN = PROTOCOLS["paper"], PROTOCOLS["vgn"]
 
