@@ -11,7 +11,7 @@ from torch.testing import assert_close
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.grasp_head import GraspVolume
 from neugrasp.model.rendering import Rays
-from neugrasp.training.change import OBJECT, SAME, SHADOW, UNSURE
+from neugrasp.training.change import OBJECT, TABLE, UNSURE
 from neugrasp.training.losses import carving_loss, eikonal_loss, grasp_loss, rotation_distance, tsdf_loss
 from neugrasp.training.samples import GraspLabels
 from neugrasp.training.step import imperfect
@@ -48,7 +48,7 @@ def test_a_half_turn_about_the_approach_is_the_same_rotation():
     assert (rotation_distance(as_tensor(quarter), as_tensor(truth)) > 0.2).all()
 
 
-@pytest.mark.parametrize(("label", "good"), [(OBJECT, 0.9), (SAME, 0.1), (SHADOW, 0.1)])
+@pytest.mark.parametrize(("label", "good"), [(OBJECT, 0.9), (TABLE, 0.1)])
 def test_carving_wants_opacity_before_changed_pixels_only(label, good):
     workspace = Workspace()
     origins = torch.tensor([[0.15, 0.15, 0.6]])

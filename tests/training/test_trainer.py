@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file
@@ -85,7 +86,9 @@ def test_every_recipe_builds_and_keeps_the_balance_of_its_stages(name):
     assert config.steps == 1000
     assert config.head_steps / 1000 == pytest.approx(recipe(name).head_steps / recipe(name).steps, abs=1e-3)
     rates = [config.learning_rate_at(step) for step in range(config.head_steps, 1000)]
-    assert rates == sorted(rates, reverse=True)
+    top = int(np.argmax(rates)) if rates else 0  # where the warming up ends
+    assert top <= len(rates) / 10 + 1
+    assert rates == sorted(rates[:top]) + sorted(rates[top:], reverse=True)
 
 
 def test_unknown_recipes_are_answered_with_the_known_ones():

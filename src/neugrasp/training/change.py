@@ -1,46 +1,83 @@
-"""Which pixels changed because an object is there: RGB against background, nothing else.
+"""Which pixels show an object and which the table: RGB against background, nothing else.
 
-A pixel that did not change says that all the space in front of it is free; one that changed as an object
-changes it says that there is matter. One that only became smoothly darker, alike in all colours and away from
-every rim, lies in a shadow, and the space in front of it is probably free, too. The rest says nothing.
+A pixel that shows the table, lit or shaded, says that all the space in front of it is free; one that shows an
+object says that there is matter. A shadow ends softly and an object ends at an edge, so the picture of the
+*change* is flooded from what certainly did not change and from what certainly is another thing, and the two
+floods meet at its edges (a watershed with markers). Where clear glass may hide, nothing is said.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from skimage.segmentation import watershed
 
 from neugrasp.views import Image
 
-SAME, OBJECT, SHADOW, UNSURE = 0, 1, 2, -1
+TABLE, OBJECT, UNSURE = 0, 1, -1
 OFFSET = 0.06
 """Added before logarithms, so that noise in dark pixels does not count as contrast."""
+UNCHANGED = 0.05
+"""Summed over RGB in [0, 1], mean of 3 x 3: below it, nothing happened here."""
+CHROMA = 0.15
+"""Change of one colour's logarithm against the mean of the three: shadows and lamps stay below."""
+REACH = 20
+"""Pixels: gaps up to twice as wide between weak signs of an object may be clear glass before a plain table."""
+
+
+@dataclass(frozen=True)
+class _Change:
+    """How a photo differs from its background, by pixel."""
+
+    difference: NDArray[np.float32]
+    """(h, w) summed over RGB."""
+    ratio: NDArray[np.float32]
+    """(h, w, 3) difference of the logarithms."""
+    chroma: NDArray[np.float32]
+    """(h, w) how far the three colours changed apart."""
+    texture: NDArray[np.float32]
+    """(h, w) deviation of the brightness ratio in 5 x 5: a shadow scales a patch by one factor."""
+
+    @classmethod
+    def between(cls, image: Image, background: Image) -> _Change:
+        scene, empty = image.astype(np.float32) / 255, background.astype(np.float32) / 255
+        ratio = np.log(scene + OFFSET) - np.log(empty + OFFSET)
+        brightness = ratio.mean(-1)
+        chroma = np.abs(ratio - brightness[..., None]).max(-1)
+        return cls(np.abs(scene - empty).sum(-1), ratio, chroma, _local_deviation(brightness, 5))
+
+    def unlike_shadow(self, difference: float, texture: float, closing: int) -> NDArray[np.bool_]:
+        """What changes as objects do, gaps of twice `closing` pixels bridged and what rims enclose filled."""
+        changed = (self.difference > difference) & ((self.chroma > CHROMA) | (self.texture > texture))
+        changed = ndimage.binary_opening(changed, np.ones((2, 2)))
+        filled: NDArray[np.bool_] = ndimage.binary_fill_holes(_closed(changed, closing))
+        return filled
+
+    def edges(self) -> NDArray[np.float32]:
+        """(h, w) steepness of the ratio: the ridges at which the floods meet."""
+        smooth = ndimage.gaussian_filter(self.ratio, (0.7, 0.7, 0))
+        steepness: NDArray[np.float32] = np.hypot(ndimage.sobel(smooth, 0), ndimage.sobel(smooth, 1)).max(-1)
+        return steepness
 
 
 def change_labels(image: Image, background: Image) -> NDArray[np.int8]:
-    """Labels (h, w) of the pixels: SAME, OBJECT, SHADOW or UNSURE, from photos (h, w, 3)."""
-    scene = image.astype(np.float32) / 255
-    empty = background.astype(np.float32) / 255
-    difference = np.abs(scene - empty).sum(-1)
-    ratio = np.log(scene + OFFSET) - np.log(empty + OFFSET)
-    brightness = ratio.mean(-1)
-    chroma = np.abs(ratio - brightness[..., None]).max(-1)
-    # A shadow scales a patch by one factor; what lies behind glass or on metal is another picture.
-    texture = _local_deviation(brightness, 5)
-    object_like = (difference > 0.08) & ((chroma > 0.15) | (texture > 0.08))
-    object_like = ndimage.binary_opening(object_like, np.ones((2, 2)))
-    # Clear glass shows at its rims; what they enclose belongs to it.
-    object_like = ndimage.binary_fill_holes(_closed(object_like, 4))
-    nearby = ndimage.maximum_filter(ndimage.uniform_filter(difference, 3), 5)
-    labels = np.full(difference.shape, UNSURE, dtype=np.int8)
-    # Clear glass before a plain table looks like the table or a shadow: what its rims surround stays open.
-    surrounded = _closed(object_like, 12)
-    shaded = (chroma < 0.05) & (texture < 0.02) & (brightness < 0.02)
-    shaded = ndimage.binary_erosion(shaded) & ~ndimage.binary_dilation(object_like)
-    labels[shaded & ~surrounded] = SHADOW
-    labels[(nearby < 0.05) & ~surrounded] = SAME
-    labels[ndimage.binary_erosion(object_like, iterations=2)] = OBJECT
+    """Labels (h, w) of the pixels: TABLE, OBJECT or UNSURE, from photos (h, w, 3)."""
+    change = _Change.between(image, background)
+    strong = change.unlike_shadow(difference=0.08, texture=0.08, closing=4)
+    weak = change.unlike_shadow(difference=0.03, texture=0.03, closing=4)
+    unchanged = ndimage.uniform_filter(change.difference, 3) < UNCHANGED
+    markers = np.zeros(strong.shape, dtype=np.int32)
+    markers[unchanged & ~_closed(weak, REACH)] = 1
+    markers[ndimage.binary_erosion(strong, iterations=2)] = 2
+    flooded = watershed(change.edges(), markers)
+    # The halo of the texture's window reaches 2 pixels beyond an object; deeper signs are worth a doubt.
+    doubtful = ndimage.binary_erosion(weak, iterations=3) & ~strong
+    labels = np.full(strong.shape, UNSURE, dtype=np.int8)
+    labels[(flooded == 1) & ~doubtful] = TABLE
+    labels[ndimage.binary_erosion(flooded == 2, border_value=1)] = OBJECT
     return labels
 
 

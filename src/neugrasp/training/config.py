@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+from typing import Literal
 
 from neugrasp.model.config import ModelConfig
+
+HALVINGS = 6
+WARM_UP = 50
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,8 +42,11 @@ class TrainConfig:
     """Grids in one step of the head's stage."""
     learning_rate: float = 1e-4
     head_learning_rate: float = 3e-4
-    halvings: int = 6
-    """How often the learning rate is halved over each stage (the paper: every 50k of 300k steps)."""
+    schedule: Literal["staircase", "cosine"] = "staircase"
+    """How the learning rate falls over each stage: halved six times (the paper: every 50k of 300k steps), or
+    along a half cosine after 50 steps of warming up."""
+    average: float = 0.0
+    """Decay per step of the moving average of the weights, which is what is validated and shipped; 0: none."""
     rays: int = 2304
     """Rays of the target view per step."""
     carving_rays: int = 512
@@ -56,12 +64,15 @@ class TrainConfig:
     validation_scenes: int = 8
 
     def learning_rate_at(self, step: int) -> float:
-        """Staircase within each stage, never below a tenth of a tenth of its start."""
+        """Falls within each stage, never below a hundredth of its start."""
         in_head = step < self.head_steps
         start, length = (0, self.head_steps) if in_head else (self.head_steps, self.steps - self.head_steps)
         base = self.head_learning_rate if in_head else self.learning_rate
         progress = (step - start) / max(1, length)
-        return base * max(0.01, 0.5 ** int(progress * self.halvings))
+        if self.schedule == "staircase":
+            return base * max(0.01, 0.5 ** int(progress * HALVINGS))
+        warm = min(1.0, (step - start + 1) / min(WARM_UP, 1 + length // 10))
+        return base * warm * max(0.01, 0.5 + 0.5 * math.cos(math.pi * progress))
 
     def sharpness_at(self, step: int) -> float:
         """Scheduled NeuS sharpness in 1 / m; reaches its end at two thirds of the joint stage."""

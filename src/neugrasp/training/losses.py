@@ -9,11 +9,9 @@ from torch import Tensor
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.grasp_head import GraspVolume
 from neugrasp.model.rendering import Rays, Rendered
-from neugrasp.training.change import OBJECT, SAME, SHADOW
+from neugrasp.training.change import OBJECT, TABLE
 from neugrasp.training.samples import GraspLabels
 
-SHADOW_TRUST = 0.3
-"""Weight of a shaded pixel as a sign of free space, against 1 of an unchanged one."""
 CARVING_CLEARANCE = 0.006
 """Metres above the table from which on opacity counts as an object's."""
 
@@ -30,7 +28,7 @@ def photometric_loss(rendered: Rendered, colour: Tensor, behind: Tensor) -> Tens
 def carving_loss(
     weights: Tensor, middles: Tensor, rays: Rays, labels: Tensor, workspace: Workspace
 ) -> Tensor:
-    """Cross-entropy of the opacity above the table, half for changed pixels, half for same ones.
+    """Cross-entropy of the opacity above the table, half for objects' pixels, half for the table's.
 
     weights, middles (r, s - 1) of intervals along the rays; labels (r,) of `change_labels`.
     """
@@ -40,9 +38,8 @@ def carving_loss(
     terms = []
     if (matter := labels == OBJECT).any():
         terms.append(-torch.log(opacity[matter]).mean())
-    trust = (labels == SAME).to(opacity) + SHADOW_TRUST * (labels == SHADOW).to(opacity)
-    if trust.any():
-        terms.append(-(trust * torch.log1p(-opacity)).sum() / trust.sum())
+    if (free := labels == TABLE).any():
+        terms.append(-torch.log1p(-opacity[free]).mean())
     return 0.5 * torch.stack(terms).sum() if terms else opacity.sum() * 0
 
 

@@ -10,7 +10,7 @@ from PIL import Image as PilImage
 from neugrasp.model.network import NeuGrasp
 from neugrasp.pictures.sheet import Tile, contact_sheet
 from neugrasp.pictures.slices import busiest_slice, slice_picture
-from neugrasp.training.change import OBJECT, SAME, SHADOW
+from neugrasp.training.change import OBJECT, TABLE
 from neugrasp.training.samples import Sample
 from neugrasp.training.validation import reconstruct, render_view
 from neugrasp.views import Image
@@ -30,7 +30,7 @@ def save_progress_picture(path: Path, model: NeuGrasp, sample: Sample, sharpness
     tiles = [
         Tile(_bytes(photo), "held-out photo"),
         Tile(_bytes(image), "rendered"),
-        Tile(_changes(sample.targets.changes[0].numpy()), "object white, unsure grey, shadow dark"),
+        Tile(_changes(sample.targets.changes[0].numpy()), "object white, unsure grey"),
         Tile(slice_picture(truth, workspace, index=slice_at, size=TILE), "true TSDF"),
         Tile(slice_picture(tsdf, workspace, index=slice_at, size=TILE), "predicted TSDF"),
         Tile(_bytes(np.repeat(quality[..., None], 3, axis=2)), "best grasp quality, from the side"),
@@ -44,7 +44,5 @@ def _bytes(image: np.ndarray) -> Image:
 
 
 def _changes(labels: np.ndarray) -> Image:
-    grey = np.where(
-        labels == OBJECT, 1.0, np.where(labels == SAME, 0.0, np.where(labels == SHADOW, 0.25, 0.5))
-    )
+    grey = np.where(labels == OBJECT, 1.0, np.where(labels == TABLE, 0.0, 0.5))
     return _bytes(np.repeat(grey[..., None], 3, axis=2))

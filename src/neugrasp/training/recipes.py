@@ -29,7 +29,9 @@ def small() -> TrainConfig:
         head_steps=5_000,
         learning_rate=1e-3,
         head_learning_rate=1e-3,
-        rays=256,
+        schedule="cosine",
+        average=0.998,
+        rays=128,
         validate_every=1_000,
         bfloat16=True,
     )

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
+from torch.optim.swa_utils import AveragedModel
 
 from neugrasp.errors import InputError
 from neugrasp.model.network import NeuGrasp
@@ -19,12 +20,40 @@ from neugrasp.training.config import TrainConfig
 STATE = "state.safetensors"
 
 
-def save_state(
-    folder: Path, model: NeuGrasp, optimizer: torch.optim.Adam, step: int, config: TrainConfig
-) -> None:
-    """Writes weights, Adam's moments and the number of finished steps in one file, whole or not at all."""
+@dataclass(frozen=True)
+class Learner:
+    """What a step changes."""
+
+    model: NeuGrasp
+    average: AveragedModel
+    """The moving average of the weights: what is validated and shipped."""
+    optimizer: torch.optim.Adam
+
+    @classmethod
+    def of(cls, model: NeuGrasp, config: TrainConfig) -> Learner:
+        """A learner at its start."""
+
+        def averaged(average: Tensor, now: Tensor, count: Tensor | int) -> Tensor:
+            # A young average forgets its random start sooner.
+            decay = min(config.average, (1 + int(count)) / (10 + int(count)))
+            return torch.lerp(now, average, decay)
+
+        optimizer = torch.optim.Adam(model.parameters(), lr=config.learning_rate)
+        return cls(model, AveragedModel(model, avg_fn=averaged), optimizer)
+
+    @property
+    def smooth(self) -> NeuGrasp:
+        """The network with averaged weights."""
+        network: NeuGrasp = self.average.module
+        return network
+
+
+def save_state(folder: Path, learner: Learner, step: int, config: TrainConfig) -> None:
+    """Writes weights, their average, Adam's moments and the number of finished steps, whole or not at all."""
+    model, optimizer = learner.model, learner.optimizer
     names = {id(parameter): name for name, parameter in model.named_parameters()}
     tensors = {f"model.{name}": tensor for name, tensor in model.state_dict().items()}
+    tensors |= {f"average.{name}": tensor for name, tensor in learner.average.state_dict().items()}
     for parameter, moments in optimizer.state.items():
         for key, value in moments.items():
             tensors[f"adam.{key}.{names[id(parameter)]}"] = torch.as_tensor(value)
@@ -41,7 +70,7 @@ def save_state(
         temporary.unlink(missing_ok=True)
 
 
-def load_state(folder: Path, model: NeuGrasp, optimizer: torch.optim.Adam, config: TrainConfig) -> int:
+def load_state(folder: Path, learner: Learner, config: TrainConfig) -> int:
     """Puts a saved state back and gives the number of finished steps; 0 where nothing was saved.
 
     Raises `InputError` where the state is damaged or belongs to another configuration.
@@ -60,11 +89,12 @@ def load_state(folder: Path, model: NeuGrasp, optimizer: torch.optim.Adam, confi
             f"{path}: belongs to a run of another recipe, number of steps or seed; "
             f"continue with the same or choose another --out"
         )
-    model.load_state_dict(_under(tensors, "model."))
-    for name, parameter in model.named_parameters():
+    learner.model.load_state_dict(_under(tensors, "model."))
+    learner.average.load_state_dict(_under(tensors, "average."))
+    for name, parameter in learner.model.named_parameters():
         keys = ("step", "exp_avg", "exp_avg_sq")
         if f"adam.step.{name}" in tensors:
-            optimizer.state[parameter] = {
+            learner.optimizer.state[parameter] = {
                 key: tensors[f"adam.{key}.{name}"].to(_place(key, parameter)) for key in keys
             }
     return int(metadata["step"])

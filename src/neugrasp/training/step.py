@@ -8,11 +8,15 @@ from torch import Tensor
 
 from neugrasp.model.network import NeuGrasp, Reconstruction
 from neugrasp.model.rendering import Rays, cut_to_workspace
+from neugrasp.training.change import TABLE
 from neugrasp.training.config import TrainConfig
 from neugrasp.training.losses import carving_loss, eikonal_loss, grasp_loss, photometric_loss, tsdf_loss
 from neugrasp.training.samples import Photos, Sample, Truth, drop_views
 
 Losses = dict[str, Tensor]
+
+CELL = 8
+"""Pixels along a cell: what lies 8 to 16 pixels from an object still bounds its outline."""
 
 
 def total(losses: Losses, config: TrainConfig) -> Tensor:
@@ -146,7 +150,7 @@ def choose_rays(
 ) -> tuple[Rays, Tensor, Tensor]:
     """Up to `num` rays of one view through the workspace, with their rows and columns.
 
-    Half of them through pixels that changed in any way against the background, half through any.
+    Half of them through pixels of objects and a band around them, half through any.
     """
     changes = photos.changes[view]
     height, width = changes.shape
@@ -158,8 +162,15 @@ def choose_rays(
     left, top, right, bottom = photos.views.cameras.bounds[view]
     measured = (column > left) & (column < right) & (row > top) & (row < bottom)
     usable = (rays.far > rays.near + 1e-3) & measured
-    label = changes[row, column]
-    changed = torch.nonzero(usable & (label != 0)).squeeze(1)[: num // 2]
+    near = _near_change(changes)[row // CELL, column // CELL]
+    changed = torch.nonzero(usable & near).squeeze(1)[: num // 2]
     rest = torch.nonzero(usable).squeeze(1)
     chosen = torch.cat([changed, rest[: num - len(changed)]])
     return rays.select(chosen), row[chosen], column[chosen]
+
+
+def _near_change(changes: Tensor) -> Tensor:
+    """Cells of the photo (bool) that hold something else than table, or touch a cell that does."""
+    changed = (changes != TABLE).float()[None, None]
+    cells = F.max_pool2d(changed, CELL, ceil_mode=True)
+    return F.max_pool2d(cells, 3, stride=1, padding=1)[0, 0] > 0

@@ -23,7 +23,7 @@ from neugrasp.training.log import TrainingLog
 from neugrasp.training.progress_picture import save_progress_picture
 from neugrasp.training.recipes import recipe
 from neugrasp.training.samples import Sample
-from neugrasp.training.state import load_state, save_state
+from neugrasp.training.state import Learner, load_state, save_state
 from neugrasp.training.step import head_losses, joint_losses, total
 from neugrasp.training.validation import validate
 
@@ -73,28 +73,28 @@ def train(run: TrainRun, stop_after: int | None = None) -> Path:
     if run.init:
         _start_from(model, run.init)
     model.to(run.device).train()
-    optimizer = torch.optim.Adam(model.parameters(), lr=config.learning_rate)
-    start = load_state(run.out, model, optimizer, config)
+    learner = Learner.of(model, config)
+    start = load_state(run.out, learner, config)
     data, held_out = _open_data(run, config)
     records = TrainingLog(run.out, start)
     last = min(config.steps, stop_after or config.steps)
     began = time.monotonic()
     try:
         for step in range(start, last):
-            losses = _step(model, optimizer, data, config, step)
+            losses = _step(learner, data, config, step)
             records.step(step, losses, config.learning_rate_at(step))
             done = step + 1
             if held_out() and (done % config.validate_every == 0 or done == config.steps):
-                _validate(model, config, run, held_out, done, records)
+                _validate(learner.smooth, config, run, held_out, done, records)
             # The state comes last: a run killed before it validates again, one killed after it has done so.
             if done % config.checkpoint_every == 0 or done == config.steps:
-                save_state(run.out, model, optimizer, done, config)
+                save_state(run.out, learner, done, config)
                 _show_progress(done, config, losses, (time.monotonic() - began) / (done - start))
     finally:
         data.close()
         records.close()
     weights = run.out / "weights.safetensors"
-    save_checkpoint(weights, model, _about(run, config, last, len(data)))
+    save_checkpoint(weights, learner.smooth, _about(run, config, last, len(data)))
     return weights
 
 
@@ -147,10 +147,9 @@ def _read_all(folders: tuple[Path, ...]) -> list[Record]:
     return [record for folder in folders for record in read_records(folder)]
 
 
-def _step(
-    model: NeuGrasp, optimizer: torch.optim.Adam, data: TrainingSet, config: TrainConfig, step: int
-) -> dict[str, float]:
+def _step(learner: Learner, data: TrainingSet, config: TrainConfig, step: int) -> dict[str, float]:
     """One update; everything random in it follows from the seed and the step's number."""
+    model, optimizer = learner.model, learner.optimizer
     generator = torch.Generator().manual_seed(config.seed * 1_000_003 + step)
     for group in optimizer.param_groups:
         group["lr"] = config.learning_rate_at(step)
@@ -171,6 +170,7 @@ def _step(
     loss.backward()
     torch.nn.utils.clip_grad_norm_(model.parameters(), config.gradient_clip)
     optimizer.step()
+    learner.average.update_parameters(model)
     return {"loss": float(loss.detach()), **{name: float(value.detach()) for name, value in losses.items()}}
 
 
