@@ -25,7 +25,7 @@ LAYERS = [
     {"detection", "training", "baselines", "doctor", "importers"},
     {"robot"},
     {"evaluation", "export"},
-    {"report", "exporters"},
+    {"report", "exporters", "viewer"},
     {"demo"},
     {"cli"},
 ]

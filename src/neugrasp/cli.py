@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, Protocol
 
 import tyro
 
@@ -15,6 +15,9 @@ from neugrasp.doctor.command import Doctor
 from neugrasp.doctor.findings import Verdict
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.evaluation.commands import Compare, Evaluate, Results, Story
+from neugrasp.exporters.command import Export
+from neugrasp.importers.command import Import, PrintBoard
+from neugrasp.viewer.command import Viewer
 
 if TYPE_CHECKING:
     from neugrasp.detection.detector import Detection
@@ -235,12 +238,20 @@ class Validate:
         print(f"\n{self.out / 'held_out.json'}")
 
 
-Command = Demo | Doctor | Predict | Generate | Pack | Train | Validate | Evaluate | Compare | Story | Results
+class Command(Protocol):
+    """Options as fields, and what is done with them; what it returns is printed."""
+
+    def run(self) -> object: ...
+
+
 _positional = tyro.conf.configure(tyro.conf.PositionalRequiredArgs)
 COMMANDS: dict[str, Callable[..., Command]] = {
     "demo": Demo,
+    "import": _positional(Import),
+    "board": PrintBoard,
     "doctor": _positional(Doctor),
     "predict": Predict,
+    "export": _positional(Export),
     "generate": Generate,
     "pack": Pack,
     "train": Train,
@@ -249,6 +260,7 @@ COMMANDS: dict[str, Callable[..., Command]] = {
     "compare": _positional(Compare),
     "story": _positional(Story),
     "results": Results,
+    "view": _positional(Viewer),
 }
 
 

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import json
-import shutil
-import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image as Picture
 
-from neugrasp.detection.detector import Detection
+from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import from_quaternion, to_quaternion
 from neugrasp.geometry.surface import Surface, surface_of
@@ -22,6 +20,19 @@ from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
 from neugrasp.pictures import overlay_sheet
 from neugrasp.views import Image, Views
+
+if TYPE_CHECKING:
+    from neugrasp.detection.detector import Detection
+
+__all__ = [
+    "read_grasps",
+    "whole_or_nothing",
+    "write_grasps",
+    "write_picture",
+    "write_prediction",
+    "write_surface",
+    "write_tsdf",
+]
 
 FORMAT = "neugrasp-grasps"
 VERSION = 1
@@ -116,24 +127,3 @@ def write_tsdf(file: Path, tsdf: ArrayLike, workspace: Workspace) -> None:
 def write_picture(file: Path, image: Image) -> None:
     """A PNG file."""
     Picture.fromarray(image).save(file)
-
-
-@contextmanager
-def whole_or_nothing(out: Path) -> Iterator[Path]:
-    """A folder to write into whose files all move to `out` at the end, or vanish where something fails.
-
-    Files that `out` holds already stay, unless one of the same name replaces them.
-    """
-    is_new = not out.exists()
-    out.mkdir(parents=True, exist_ok=True)
-    part = Path(tempfile.mkdtemp(prefix=".part-", dir=out))
-    try:
-        yield part
-        for file in sorted(part.iterdir()):
-            file.replace(out / file.name)
-    except BaseException:
-        shutil.rmtree(part, ignore_errors=True)
-        if is_new and not any(out.iterdir()):
-            out.rmdir()
-        raise
-    part.rmdir()

@@ -35,6 +35,8 @@ ASPECT = Limits(0.02, 0.20)
 """Difference of fx and fy over their mean."""
 NARROW, WIDE = 15.0, 110.0
 """Degrees across the photo."""
+RATIOS = (1 / 4, 1 / 3, 3 / 8, 1 / 2, 2 / 3, 3 / 4, 4 / 3, 3 / 2, 2.0, 9 / 4, 8 / 3, 3.0, 4.0)
+"""Between the sizes of photos of one camera; a principal point is seldom exactly in the middle."""
 SAME_SCALE = 0.04
 """By how much the two coordinates of a principal point may disagree about another resolution."""
 TWICE_SEEN = 60.0, 25.0
@@ -78,6 +80,8 @@ def _other_resolution(camera: Camera) -> float | None:
     """How many times larger a photo with its middle at the principal point would be; None for this size."""
     centre = (camera.intrinsics[:2, 2] + 0.5) / np.array([camera.width, camera.height]) * 2
     factor = float(centre.mean())
+    simple = min(RATIOS, key=lambda ratio: abs(np.log(factor / ratio)))
+    factor = simple if abs(factor / simple - 1) < 0.01 else factor
     is_consistent = abs(centre[0] - centre[1]) < SAME_SCALE * factor
     return factor if is_consistent and abs(np.log(factor)) > np.log(1.2) else None
 

@@ -11,8 +11,8 @@ import numpy as np
 from PIL import Image as Picture
 
 from neugrasp.data.scene_folder import FILE, read_json, view_of, workspace_of
-from neugrasp.doctor.findings import Finding, Level, green
-from neugrasp.doctor.problems import NOT_RIGID, ROTATION_TAG, TRANSPOSED, UNITS, UNREADABLE
+from neugrasp.doctor.findings import Finding, Level, Problem, green
+from neugrasp.doctor.problems import INTRINSICS_UNIT, NOT_RIGID, ROTATION_TAG, TRANSPOSED, UNITS, UNREADABLE
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import is_rigid
 from neugrasp.views import MAX_VIEWS, View, Views
@@ -123,8 +123,10 @@ def _transposed(value: Any) -> list[list[float]]:
     return rows
 
 
-def _problem(message: str) -> Any:
-    return NOT_RIGID if "rigid transform" in message else UNREADABLE
+def _problem(message: str) -> Problem:
+    if "rigid transform" in message:
+        return NOT_RIGID
+    return INTRINSICS_UNIT if "are too short" in message else UNREADABLE
 
 
 def _sizes(views: list[View]) -> str:

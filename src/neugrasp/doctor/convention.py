@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from itertools import product
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from neugrasp.data.camera_checks import OPENCV_FROM_OPENGL
 from neugrasp.doctor.capture import Capture
-from neugrasp.doctor.findings import Finding, Level, Problem, green, views_text
+from neugrasp.doctor.findings import Finding, Level, green, views_text
+from neugrasp.doctor.interpretation import RARE, USUAL, Interpretation
 from neugrasp.doctor.problems import (
     CAMERA_BELOW_TABLE,
     CUBE_NOT_SEEN,
-    INVERTED,
-    INVERTED_OPENGL,
     INVERTED_WORKSPACE,
     ONE_VIEW_MISSES,
-    OPENGL,
     UNITS,
 )
 from neugrasp.doctor.shot import shots_of
@@ -35,50 +31,9 @@ SEEN = 0.25
 CONFIRMED = 0.5
 """Agreement about the table from which on an unlikely reading is believed."""
 CLEAR = 0.15
-"""By how much the tables of one reading must agree better than those of the next to decide between them."""
-
-
-@dataclass(frozen=True)
-class Reading:
-    """One way to understand the numbers."""
-
-    frames: Problem | None
-    """What is wrong with the poses; None as written."""
-    camera_unit: float
-    """Metres in one unit of the cameras' translations."""
-    workspace_unit: float
-    workspace_inverted: bool = False
-
-    @property
-    def mistakes(self) -> int:
-        """How many things are wrong; both units wrong in the same way are one thing."""
-        units = {self.camera_unit, self.workspace_unit} - {1.0}
-        return int(self.frames is not None) + int(self.workspace_inverted) + len(units)
-
-    def workspace(self, written: Workspace) -> Workspace:
-        """The cube, understood this way."""
-        pose = _scaled(written.world_from_workspace, self.workspace_unit)
-        return replace(written, world_from_workspace=inverse(pose) if self.workspace_inverted else pose)
-
-    def camera(self, written: Camera) -> Camera:
-        """A camera, understood this way."""
-        pose = FRAMES[self.frames](_scaled(written.world_from_camera, self.camera_unit))
-        return replace(written, world_from_camera=pose)
-
-
-FRAMES: dict[Problem | None, Callable[[Array], Array]] = {
-    None: lambda pose: pose,
-    OPENGL: lambda pose: pose @ OPENCV_FROM_OPENGL,
-    INVERTED: inverse,
-    INVERTED_OPENGL: lambda pose: inverse(pose) @ OPENCV_FROM_OPENGL,
-}
-UNIT_PAIRS = [(1.0, 1.0), (1e-3, 1.0), (1e-3, 1e-3), (1e-2, 1.0), (1e-2, 1e-2), (1.0, 1e-3), (1.0, 1e-2)]
-UNIT_NAMES = {1.0: "metres", 1e-2: "centimetres", 1e-3: "millimetres"}
-AS_WRITTEN = Reading(None, 1.0, 1.0)
-READINGS = [
-    Reading(frames, cameras, workspace, inverted)
-    for inverted, (cameras, workspace), frames in product((False, True), UNIT_PAIRS, FRAMES)
-]
+"""By how much the tables of one interpretation must agree better than those of the next to decide between them."""
+Candidate = tuple[Interpretation, Views]
+"""A way to understand a scene, and the scene understood that way."""
 
 
 def check_convention(capture: Capture) -> tuple[Capture, list[Finding]]:
@@ -92,23 +47,31 @@ def check_convention(capture: Capture) -> tuple[Capture, list[Finding]]:
     everything, bad_ones = [True] * len(good), [not is_good for is_good in good]
     for only in [everything] * (sum(good) <= len(good) / 2) + [bad_ones] * any(good):
         is_doubtful = is_possible or only != everything
-        candidates = _simplest(views, only)
-        if is_doubtful:
-            candidates = [entry for entry in candidates if _agreement(entry[1], only) >= CONFIRMED]
-        if candidates:
+        if candidates := _candidates(views, only, is_doubtful):
             return _decided(capture, candidates, only)
     return capture, fine if is_possible else _unexplained(views, good)
 
 
-def _simplest(views: Views, only: Sequence[bool]) -> list[tuple[Reading, Views]]:
-    """The readings of the chosen views in which all is plausible and the fewest mistakes, each once."""
-    found: list[tuple[Reading, Views]] = []
-    for reading in sorted(READINGS, key=lambda reading: reading.mistakes):
-        if found and reading.mistakes > found[0][0].mistakes:
+def _candidates(views: Views, only: Sequence[bool], is_doubtful: bool) -> list[Candidate]:
+    """The interpretations of the chosen views that the photos confirm, or else those that may be believed."""
+    usual = _simplest(views, only, USUAL)
+    for found in (usual, _simplest(views, only, RARE)):
+        if confirmed := [entry for entry in found if _agreement(entry[1], only) >= CONFIRMED]:
+            return confirmed
+    return [] if is_doubtful else usual
+
+
+def _simplest(
+    views: Views, only: Sequence[bool], interpretations: Sequence[Interpretation]
+) -> list[Candidate]:
+    """The interpretations in which all is plausible and the fewest mistakes, each once."""
+    found: list[Candidate] = []
+    for interpretation in sorted(interpretations, key=lambda one: one.mistakes):
+        if found and interpretation.mistakes > found[0][0].mistakes:
             break
-        read = understood(views, reading, only)
+        read = understood(views, interpretation, only)
         if all(plausible(read)) and not any(_is_same(read, other) for _, other in found):
-            found.append((reading, read))
+            found.append((interpretation, read))
     return found
 
 
@@ -129,13 +92,13 @@ def _agreement(views: Views, only: Sequence[bool]) -> float:
     return mean_correlation(pictures, pairs) if pairs else 0.0
 
 
-def understood(views: Views, reading: Reading, only: Sequence[bool]) -> Views:
+def understood(views: Views, interpretation: Interpretation, only: Sequence[bool]) -> Views:
     """The scene with the chosen views, and the cube, read another way."""
     changed = [
-        replace(view, camera=reading.camera(view.camera)) if is_meant else view
+        replace(view, camera=interpretation.camera(view.camera)) if is_meant else view
         for view, is_meant in zip(views.views, only, strict=True)
     ]
-    return Views(tuple(changed), reading.workspace(views.workspace))
+    return Views(tuple(changed), interpretation.workspace(views.workspace))
 
 
 def plausible(views: Views, share: float = SEEN) -> list[bool]:
@@ -168,41 +131,29 @@ def in_view(camera: Camera, points: Array) -> np.ndarray:
 
 
 def _decided(
-    capture: Capture, candidates: list[tuple[Reading, Views]], only: list[bool]
+    capture: Capture, candidates: list[Candidate], only: list[bool]
 ) -> tuple[Capture, list[Finding]]:
-    """Among readings in which all is plausible, the one in which the photos agree best about the table."""
+    """Among interpretations in which all is plausible, the one in which the photos agree best about the table."""
     if len(candidates) > 1:
         scores = [_agreement(views, only) for _, views in candidates]
         order = np.argsort(scores)[::-1]
         if scores[order[0]] - scores[order[1]] < CLEAR:
-            names = " or ".join(_what(reading) for reading, _ in candidates[:3])
+            names = " or ".join(meant.words for meant, _ in candidates[:3])
             return capture, [Finding("convention", Level.RED, f"the cube is seen if: {names}", CUBE_NOT_SEEN)]
         candidates = [candidates[order[0]]]
-    reading, views = candidates[0]
+    meant, views = candidates[0]
     where = () if all(only) else tuple(i for i, is_meant in enumerate(only) if is_meant)
     findings = []
-    if reading.frames is not None:
-        text = f"seen as written by no view of these, seen by all if {_what(reading)}"
-        findings.append(Finding("convention", Level.RED, text, reading.frames, where))
-    if reading.workspace_inverted:
+    if meant.frames is not None:
+        text = f"as written the cube is not seen; it is if {meant.words}"
+        findings.append(Finding("convention", Level.RED, text, meant.frames, where))
+    if meant.workspace_inverted:
         text = "the cube is seen if world_from_workspace is inverted"
         findings.append(Finding("convention", Level.RED, text, INVERTED_WORKSPACE))
-    if (reading.camera_unit, reading.workspace_unit) != (1.0, 1.0):
-        text = f"{_distances(capture.views)} as written; {_what(replace(reading, frames=None))} fits"
+    if (meant.camera_unit, meant.workspace_unit) != (1.0, 1.0):
+        text = f"{_distances(capture.views)} as written; {replace(meant, frames=None).words} fits"
         findings.append(Finding("units", Level.RED, text, UNITS, where))
     return replace(capture, views=views), findings
-
-
-def _what(reading: Reading) -> str:
-    """The mistakes of a reading in words."""
-    words = [reading.frames.name[0].lower() + reading.frames.name[1:]] if reading.frames else []
-    if reading.workspace_inverted:
-        words.append("the workspace is inverted")
-    if reading.camera_unit != 1:
-        words.append(f"poses in {UNIT_NAMES[reading.camera_unit]}")
-    if reading.workspace_unit != 1:
-        words.append(f"world_from_workspace in {UNIT_NAMES[reading.workspace_unit]}")
-    return ", ".join(words) or "nothing is changed"
 
 
 def _unexplained(views: Views, good: list[bool]) -> list[Finding]:
@@ -215,7 +166,7 @@ def _unexplained(views: Views, good: list[bool]) -> list[Finding]:
         for v in views.views
     ]
     if all(height < views.workspace.table_height for height in below):
-        text = f"cameras {max(below) - views.workspace.table_height:.2f} m above the table"
+        text = f"cameras {views.workspace.table_height - max(below):.2f} m below the table"
         return [Finding("convention", Level.RED, text, CAMERA_BELOW_TABLE)]
     return [Finding("convention", Level.RED, text, CUBE_NOT_SEEN)]
 
@@ -225,8 +176,3 @@ def _distances(views: Views) -> str:
     distances = [float(np.linalg.norm(view.camera.centre - middle)) for view in views.views]
     return f"cameras {min(distances):.3g} to {max(distances):.3g} m from the table"
 
-
-def _scaled(pose: Array, unit: float) -> Array:
-    scaled = pose.copy()
-    scaled[:3, 3] *= unit
-    return scaled

@@ -10,13 +10,16 @@ from typing import Any
 from neugrasp.doctor.camera_findings import check_coverage, check_intrinsics
 from neugrasp.doctor.capture import Capture, Reading, read_capture
 from neugrasp.doctor.convention import check_convention, plausible
+from neugrasp.doctor.empty_table import check_empty_table
 from neugrasp.doctor.findings import Finding, Level, worst
 from neugrasp.doctor.light_checks import check_brightness, check_light, check_sharpness
 from neugrasp.doctor.pair_checks import check_pairs
-from neugrasp.doctor.problems import BACKGROUND_DIFFERS, MIRRORED
+from neugrasp.doctor.problems import BACKGROUND_DIFFERS, MIRRORED, SHIFTED
 from neugrasp.doctor.shot import shots_of
 from neugrasp.doctor.table_checks import check_table
 
+MISPLACED = (BACKGROUND_DIFFERS, MIRRORED, SHIFTED)
+"""Where a background was not taken by the camera of its view."""
 UNPAIRED = (BACKGROUND_DIFFERS, MIRRORED)
 """Where image and background cannot be laid over each other, nothing else can be said of the two."""
 
@@ -69,9 +72,12 @@ def _examine(reading: Reading) -> Diagnosis:
 def _look(capture: Capture) -> tuple[Capture, list[Finding]]:
     """All checks that need cameras which look at the cube."""
     findings: list[Finding] = []
-    for check in (check_intrinsics, check_pairs, check_table):
+    for check in (check_intrinsics, check_pairs):
         capture, found = check(capture)
         findings += found
+    wrong = {i for f in findings if f.problem in MISPLACED and f.level == Level.RED for i in f.views}
+    capture, found = check_table(capture, without=wrong)
+    findings += [*found, *check_empty_table(capture.views, without=wrong)]
     shots = shots_of(capture.views)
     findings += check_coverage(capture.views)
     unpaired = {i for finding in findings if finding.problem in UNPAIRED for i in finding.views}

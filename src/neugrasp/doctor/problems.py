@@ -37,6 +37,21 @@ INVERTED_OPENGL = Problem(
     "Invert the matrices, then multiply by diag(1, -1, -1, 1) from the right, or run `neugrasp doctor "
     "SCENE --fix OUT`",
 )
+INVERTED_ROTATION = Problem(
+    "Rotations are inverted, positions are not",
+    "The positions are those of the cameras, but the rotations map the world into the camera.",
+    "Transpose the 3 x 3 rotation, or run `neugrasp doctor SCENE --fix OUT`",
+)
+QUATERNION_ORDER = Problem(
+    "Quaternions were read in another order",
+    "ROS, SciPy and PyBullet write (x, y, z, w); Eigen, MuJoCo, Blender and COLMAP write (w, x, y, z).",
+    "Make the matrices again with the other order, or run `neugrasp doctor SCENE --fix OUT`",
+)
+BODY_FRAME = Problem(
+    "Cameras are ROS body frames",
+    "The matrices have x forward, y left and z up; in ROS the frame that is wanted ends in _optical_frame.",
+    "Give the pose of the optical frame, or run `neugrasp doctor SCENE --fix OUT`",
+)
 INVERTED_WORKSPACE = Problem(
     "The workspace is given inverted",
     "world_from_workspace holds workspace_from_world.",
@@ -67,6 +82,12 @@ OTHER_RESOLUTION = Problem(
     "Intrinsics belong to another resolution",
     "Focal length and principal point are in pixels of the photo as it is on disk.",
     "Scale fx, fy, cx, cy to the size of the photos, or run `neugrasp doctor SCENE --fix OUT`",
+)
+INTRINSICS_UNIT = Problem(
+    "Intrinsics are not in pixels",
+    "Lens makers give focal lengths in millimetres, some programs fractions of the width.",
+    "Give fx, fy, cx and cy in pixels: millimetres over the size of a pixel, or fractions times the size of "
+    "the photo",
 )
 PRINCIPAL_POINT = Problem(
     "The principal point is far from the middle",
@@ -102,12 +123,13 @@ MIRRORED = Problem(
 VIEW_ORDER = Problem(
     "Poses and photos are in different orders",
     "The photos agree about the table when their poses are exchanged.",
-    "Give each photo its own pose; sort both by time, or number them (10 comes before 2 in the alphabet)",
+    "Give each photo its own pose (in the alphabet 10 comes before 2), or run `neugrasp doctor SCENE --fix "
+    "OUT`",
 )
 TABLE_HEIGHT = Problem(
     "The table is not where the cube expects it",
     "The table plane must lie 0.05 m above the lower corner of the cube. At another height the photos agree.",
-    "Shift world_from_workspace along its z axis by the measured distance",
+    "Shift world_from_workspace along its z axis as measured, or run `neugrasp doctor SCENE --fix OUT`",
 )
 TABLE_OFFSET = Problem(
     "The photos disagree about the table",
@@ -170,6 +192,11 @@ BACKGROUND_DIFFERS = Problem(
     "A background does not fit its image",
     "The table's texture cannot be brought to cover: the camera moved far, or it is another table.",
     "Take image and background from exactly the same place",
+)
+NOT_EMPTY = Problem(
+    "Something stands on the empty table",
+    "What is in the background, too, is taken for a part of the table: no surface, and no care not to hit it.",
+    "Clear the table, and take the backgrounds again",
 )
 SHIFTED = Problem(
     "The camera moved between image and background",

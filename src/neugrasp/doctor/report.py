@@ -30,10 +30,10 @@ def report(diagnosis: Diagnosis, name: str) -> str:
     if diagnosis.capture is not None:
         views = diagnosis.capture.views
         note = "<p>Drawn as understood, with all certain mistakes undone.</p>" if diagnosis.is_mended else ""
-        sections.append(section("The cube and the table in every photo", note, pictures(_drawn(views))))
+        sections.append(section("The cube and the table in every photo", note, pictures(_drawn(views), 250)))
         if all(plausible(views, share=0.01)):
             shots = shots_of(views)
-            sections.append(section("What differs from the empty table", pictures(_changes(shots))))
+            sections.append(section("What differs from the empty table", pictures(_changes(shots), 250)))
             sections.append(
                 section("The empty table from above, as each view has it", *_tables(shots, views))
             )

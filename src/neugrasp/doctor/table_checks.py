@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from itertools import permutations
 
@@ -44,26 +44,8 @@ HOPELESS = 0.2
 """Correlation below which the cameras have nothing to do with the photos."""
 HEIGHTS = np.arange(-0.10, 0.1601, 0.01)
 """Metres above where the table should be."""
-FACTORS = (
-    0.5,
-    0.6,
-    2 / 3,
-    0.75,
-    0.8,
-    0.85,
-    0.9,
-    0.95,
-    1.05,
-    1.1,
-    1.15,
-    1.2,
-    1.25,
-    4 / 3,
-    1.5,
-    1.75,
-    2.0,
-    3.0,
-)
+FOCAL_FACTORS = (*np.arange(0.5, 2.01, 0.05), 3.0)
+RESOLUTION_FACTORS = (0.5, 2 / 3, 0.75, 4 / 3, 1.5, 2.0)
 MOST_VIEWS_PERMUTED = 4
 TURNS = {
     "mirrored left to right": lambda picture: picture[:, ::-1],
@@ -85,15 +67,20 @@ class Explanation:
     views: tuple[int, ...] = ()
 
 
-def check_table(capture: Capture) -> tuple[Capture, list[Finding]]:
-    """Whether all photos show the same table at the same place; a capture with a certain mistake undone."""
+def check_table(capture: Capture, without: Collection[int] = ()) -> tuple[Capture, list[Finding]]:
+    """Whether all photos show the same table at the same place; a capture with a certain mistake undone.
+
+    The backgrounds of the views in `without` are known to be wrong and do not count; no explanation is sought
+    then.
+    """
     views, shots = capture.views, shots_of(capture.views)
     pairs = agreements(table_pictures(shots, views.workspace))
+    pairs = [pair for pair in pairs if pair.first not in without and pair.second not in without]
     if not pairs:
         return capture, [green("table", "too little texture, or one view, to compare the photos by")]
     lowest = min(pair.correlation for pair in pairs)
-    if lowest >= UNQUESTIONED:
-        return capture, [_offset(pairs)]
+    if lowest >= UNQUESTIONED or without:
+        return capture, [_offset(pairs) if all(map(_is_agreed, pairs)) else _unexplained(pairs, None)]
     odd = _odd_view(pairs, len(views))
     trial = _Trial(capture, shots, [(pair.first, pair.second) for pair in pairs], odd)
     found = [*_heights(trial), *_lenses(trial)]
@@ -205,8 +192,11 @@ def _heights(trial: _Trial) -> Iterator[Explanation]:
 def _lenses(trial: _Trial) -> Iterator[Explanation]:
     """Another focal length, or intrinsics of another resolution, of all views or of the odd one."""
     views = trial.capture.views.views
-    for factor in FACTORS:
-        for problem, scale in ((FOCAL_LENGTH, _focal_scaled), (OTHER_RESOLUTION, _all_scaled)):
+    for problem, scale, factors in (
+        (FOCAL_LENGTH, _focal_scaled, FOCAL_FACTORS),
+        (OTHER_RESOLUTION, _all_scaled, RESOLUTION_FACTORS),
+    ):
+        for factor in factors:
             cameras = [
                 replace(view.camera, intrinsics=scale(view.camera.intrinsics, factor))
                 if i in trial.meant

@@ -56,9 +56,11 @@ class Attempt:
 
 
 def material_of(record: Record) -> str:
-    """The material of all bodies, or "mixed"."""
-    kinds = set(record.materials)
-    return kinds.pop() if len(kinds) == 1 else "mixed"
+    """The material set of a scene: "diffuse", "transparent-specular" (nothing diffuse in it) or "mixed"."""
+    diffuse = [material == "diffuse" for material in record.materials]
+    if all(diffuse):
+        return "diffuse"
+    return "mixed" if any(diffuse) else "transparent-specular"
 
 
 def attempts_of(

@@ -15,6 +15,7 @@ import numpy as np
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.view_sets import view_set
+from neugrasp.geometry.workspace import Workspace
 from neugrasp.simulation.arrange import Choices, arrange
 from neugrasp.simulation.cell import sample_cell
 from neugrasp.simulation.materials import sample_materials
@@ -80,12 +81,16 @@ class Rounds:
         scene = self._arranged(index, world)
         scene = sample_materials(scene, self.materials, self._rng("materials", index))
         workspace = world.workspace
-        sensors = tuple(view_set(self.views, workspace, self._rng("views", index)))
+        sensors = self.sensors(index, workspace)
         size = self.image_size
         cropped = tuple(c.cropped_and_resized(workspace.photo_box(c), size, size) for c in sensors)
         seed = int(self._sequence("cell", index).generate_state(1)[0])
         cell = sample_cell(workspace, "released", seed, self.split, size=size, num_targets=0)
         return Round(index, scene, replace(cell, cameras=cropped, num_inputs=len(cropped)), sensors)
+
+    def sensors(self, index: int, workspace: Workspace) -> tuple[Camera, ...]:
+        """Where the cameras of round `index` stand, workspace frame."""
+        return tuple(view_set(self.views, workspace, self._rng("views", index)))
 
     def choice_rng(self, index: int, attempt: int) -> np.random.Generator:
         """The random numbers with which a grasp is chosen."""

@@ -23,7 +23,7 @@ th { text-align: left; font-weight: 600; color: #4a5365; border-bottom: 2px soli
   padding: 6px 10px; }
 td { vertical-align: top; border-bottom: 1px solid #eceff3; padding: 6px 10px; }
 tr:last-child td { border-bottom: none; }
-td.number { text-align: right; font-variant-numeric: tabular-nums; }
+td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
 .badge { display: inline-block; border-radius: 20px; padding: 1px 12px; font-weight: 600; font-size: 13px; }
 .green { background: #dcf5e3; color: #14682f; } .yellow { background: #fff1c9; color: #7a5600; }
 .red { background: #fde0de; color: #a01d14; }
@@ -63,7 +63,10 @@ def badge(word: str, colour: str) -> str:
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], numeric: Sequence[int] = ()) -> str:
     """Rows of cells that are HTML already; the columns in `numeric` are aligned to the right."""
-    cells = "".join(f"<th>{text(word)}</th>" for word in head)
+    cells = "".join(
+        f'<th class="number">{text(word)}</th>' if i in numeric else f"<th>{text(word)}</th>"
+        for i, word in enumerate(head)
+    )
     lines = [
         "<tr>"
         + "".join(

@@ -7,7 +7,7 @@
   const faces = new Uint32Array(bytes(data.faces).buffer);
   const colours = bytes(data.colours);
   const count = faces.length / 3;
-  let azimuth = -1.1, height = 0.62, zoom = 1, chosen = -1;
+  let azimuth = data.azimuth, height = 0.62, zoom = 1, chosen = -1;
 
   // Light on every face, once: from above and a little from the side.
   const shade = new Float32Array(count);
@@ -22,7 +22,7 @@
   function camera() {
     const [ca, sa, ch, sh] = [Math.cos(azimuth), Math.sin(azimuth), Math.cos(height), Math.sin(height)];
     const right = [-sa, ca, 0], up = [-ca * sh, -sa * sh, ch], back = [ca * ch, sa * ch, sh];
-    const scale = (Math.min(canvas.width, canvas.height * 1.4) / 0.62) * zoom, far = 1.1;
+    const scale = (Math.min(canvas.width, canvas.height * 1.4) / 0.5) * zoom, far = 1.1;
     return (x, y, z) => {
       const p = [x - data.centre[0], y - data.centre[1], z - data.centre[2]];
       const depth = far - (p[0] * back[0] + p[1] * back[1] + p[2] * back[2]);

@@ -43,6 +43,7 @@ def scene_3d(views: Views, tsdf: ArrayLike, grasps: Sequence[Grasp], gripper: Gr
             }
             for grasp in grasps[:MOST_GRASPS]
         ],
+        "azimuth": _azimuth(views, workspace_from_world),
         "centre": [workspace.size / 2, workspace.size / 2, workspace.table_height + 0.03],
     }
     script = (resources.files("neugrasp.report") / "scene_3d.js").read_text(encoding="utf-8")
@@ -52,6 +53,13 @@ def scene_3d(views: Views, tsdf: ArrayLike, grasps: Sequence[Grasp], gripper: Gr
         f'<script id="scene-data" type="application/json">{json.dumps(data)}</script>\n'
         f"<script>\n{script}</script>"
     )
+
+
+def _azimuth(views: Views, workspace_from_world: Array) -> float:
+    """A direction, radians, beside that from which the cameras look."""
+    centres = [apply(workspace_from_world, view.camera.centre) for view in views.views]
+    x, y = (np.mean(centres, axis=0) - views.workspace.centre)[:2]
+    return float(np.arctan2(y, x)) + 0.5
 
 
 def _packed(array: Array | np.ndarray, kind: str) -> str:
