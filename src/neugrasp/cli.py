@@ -265,8 +265,7 @@ COMMANDS: dict[str, Callable[..., Command]] = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command. Returns 0, 1 where the doctor says red, 2 after an error that the user can
-    mend, 130 when interrupted."""
+    """Runs one command: 0, or 1 on the doctor's red, 2 on a mistake of the user, 130 when interrupted."""
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
     command = tyro.extras.subcommand_cli_from_dict(
         COMMANDS,

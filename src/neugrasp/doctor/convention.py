@@ -175,4 +175,3 @@ def _distances(views: Views) -> str:
     middle = views.workspace.to_world(views.workspace.centre)
     distances = [float(np.linalg.norm(view.camera.centre - middle)) for view in views.views]
     return f"cameras {min(distances):.3g} to {max(distances):.3g} m from the table"
-

@@ -77,7 +77,7 @@ def _look(capture: Capture) -> tuple[Capture, list[Finding]]:
         findings += found
     wrong = {i for f in findings if f.problem in MISPLACED and f.level == Level.RED for i in f.views}
     capture, found = check_table(capture, without=wrong)
-    findings += [*found, *check_empty_table(capture.views, without=wrong)]
+    findings += [*found, check_empty_table(capture.views, without=wrong)]
     shots = shots_of(capture.views)
     findings += check_coverage(capture.views)
     unpaired = {i for finding in findings if finding.problem in UNPAIRED for i in finding.views}

@@ -131,6 +131,11 @@ TABLE_HEIGHT = Problem(
     "The table plane must lie 0.05 m above the lower corner of the cube. At another height the photos agree.",
     "Shift world_from_workspace along its z axis as measured, or run `neugrasp doctor SCENE --fix OUT`",
 )
+TABLE_TILTED = Problem(
+    "The table is tilted against the cube",
+    "The floor of the cube must be parallel to the table: a board does not lie flat, or a calibration is off.",
+    "Measure the workspace frame again, or run `neugrasp doctor SCENE --fix OUT`",
+)
 TABLE_OFFSET = Problem(
     "The photos disagree about the table",
     "Laid onto the table plane, the photos of the empty table do not coincide: poses, intrinsics or lens "

@@ -62,13 +62,12 @@ class Agreement:
 
 
 def table_picture(
-    background: Array, camera: Camera, workspace: Workspace, raised: float = 0.0, step: float = STEP
+    background: Array, camera: Camera, workspace: Workspace, step: float = STEP
 ) -> TablePicture:
-    """A grey background (h, w) seen from above, by the camera's word (workspace frame); the table `raised`
-    metres above where the workspace has it."""
+    """A grey background (h, w) seen from above, by the camera's word (workspace frame)."""
     axis = np.arange(step / 2, workspace.size, step)
     x, y = np.meshgrid(axis, axis, indexing="ij")
-    height = np.full_like(x, workspace.table_height + raised)
+    height = np.full_like(x, workspace.table_height)
     pixels, depth = camera.project(np.stack([x, y, height], axis=-1))
     left, top, right, bottom = camera.bounds
     u, v = pixels[..., 0], pixels[..., 1]
@@ -80,11 +79,9 @@ def table_picture(
     return TablePicture(texture, seen, float(texture[seen].std()) if seen.any() else 0.0)
 
 
-def table_pictures(
-    shots: Sequence[Shot], workspace: Workspace, raised: float = 0.0, step: float = STEP
-) -> list[TablePicture]:
+def table_pictures(shots: Sequence[Shot], workspace: Workspace, step: float = STEP) -> list[TablePicture]:
     """The tables of all shots."""
-    return [table_picture(grey(s.background), s.camera, workspace, raised, step) for s in shots]
+    return [table_picture(grey(s.background), s.camera, workspace, step) for s in shots]
 
 
 def correlation(first: TablePicture, second: TablePicture) -> float | None:
