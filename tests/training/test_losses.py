@@ -12,7 +12,14 @@ from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.grasp_head import GraspVolume
 from neugrasp.model.rendering import Rays
 from neugrasp.training.change import OBJECT, TABLE, UNSURE
-from neugrasp.training.losses import carving_loss, eikonal_loss, grasp_loss, rotation_distance, tsdf_loss
+from neugrasp.training.losses import (
+    carving_loss,
+    eikonal_loss,
+    grasp_loss,
+    rotation_distance,
+    table_loss,
+    tsdf_loss,
+)
 from neugrasp.training.samples import GraspLabels
 from neugrasp.training.step import imperfect
 
@@ -98,3 +105,20 @@ def test_imperfect_grids_stay_in_range_and_near_the_truth():
     worse = imperfect(truth, torch.Generator().manual_seed(0))
     assert worse.abs().max() <= 1
     assert 0 < (worse - truth).abs().mean() < 0.3
+
+
+def test_the_table_is_held_where_it_is_seen():
+    """A plane SDF at the right height costs nothing, one that has sunk by 6 mm costs 0.2; objects' rays do not."""
+    workspace = Workspace()
+    heights = torch.from_numpy(workspace.voxel_centres()[..., 2]).float() - workspace.table_height
+    origins = torch.tensor([[0.15, 0.15, 0.6]]).expand(4, 3)
+    directions = torch.nn.functional.normalize(
+        torch.tensor([[0.0, 0, -1], [0.1, 0, -1], [0, -0.2, -1], [0.1, 0.1, -1]]), dim=1
+    )
+    rays = Rays(origins, directions, torch.full((4,), 0.3), torch.full((4,), 0.7))
+    labels = torch.tensor([TABLE, TABLE, TABLE, OBJECT])
+    held = table_loss(heights / workspace.truncation, rays, labels, workspace)
+    assert_close(held, torch.tensor(0.0), atol=1e-5, rtol=0)
+    sunk = table_loss((heights + 0.006) / workspace.truncation, rays, labels, workspace)
+    assert_close(sunk, torch.tensor(0.2), atol=1e-4, rtol=0)
+    assert table_loss(heights + 1, rays, torch.full((4,), OBJECT), workspace) == 0

@@ -25,6 +25,8 @@ class LossWeights:
     of the space in front of them."""
     grid_carving: float = 0.1
     """The same along rays of all photos through the grid."""
+    table: float = 0.0
+    """Where a photo shows the table, the surface lies in the table's plane."""
     tsdf: float = 0.0
     """Geometry supervision; only the control recipe has it."""
 

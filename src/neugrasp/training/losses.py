@@ -6,6 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from neugrasp.geometry.sampling import sample_volume
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.grasp_head import GraspVolume
 from neugrasp.model.rendering import Rays, Rendered
@@ -41,6 +42,20 @@ def carving_loss(
     if (free := labels == TABLE).any():
         terms.append(-torch.log1p(-opacity[free]).mean())
     return 0.5 * torch.stack(terms).sum() if terms else opacity.sum() * 0
+
+
+def table_loss(sdf: Tensor, rays: Rays, labels: Tensor, workspace: Workspace) -> Tensor:
+    """Mean |sdf| where rays through pixels that show the table meet its plane, inside the cube.
+
+    sdf (r, r, r) in truncation units; labels (m,) of `change_labels`. Free space says where nothing is, and a
+    table that has sunk is free space, too: only this keeps it in place.
+    """
+    distances = (workspace.table_height - rays.origins[:, 2]) / rays.directions[:, 2]
+    met = (labels == TABLE) & (distances > rays.near) & (distances < rays.far)
+    if not met.any():
+        return sdf.sum() * 0
+    points = rays.select(met).points(distances[met].unsqueeze(1)).squeeze(1)
+    return sample_volume(sdf.unsqueeze(0), workspace.to_unit(points)).abs().mean()
 
 
 def eikonal_loss(sdf: Tensor, seen: Tensor, workspace: Workspace) -> Tensor:

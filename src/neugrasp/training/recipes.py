@@ -24,7 +24,7 @@ def small() -> TrainConfig:
     )
     return TrainConfig(
         model=model,
-        weights=LossWeights(carving=0.1, grid_carving=0.3),
+        weights=LossWeights(carving=0.1, grid_carving=0.3, table=0.1),
         steps=9_000,
         head_steps=5_000,
         learning_rate=1e-3,

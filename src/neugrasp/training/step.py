@@ -10,7 +10,14 @@ from neugrasp.model.network import NeuGrasp, Reconstruction
 from neugrasp.model.rendering import Rays, cut_to_workspace
 from neugrasp.training.change import TABLE
 from neugrasp.training.config import TrainConfig
-from neugrasp.training.losses import carving_loss, eikonal_loss, grasp_loss, photometric_loss, tsdf_loss
+from neugrasp.training.losses import (
+    carving_loss,
+    eikonal_loss,
+    grasp_loss,
+    photometric_loss,
+    table_loss,
+    tsdf_loss,
+)
 from neugrasp.training.samples import Photos, Sample, Truth, drop_views
 
 Losses = dict[str, Tensor]
@@ -76,8 +83,8 @@ def joint_losses(
         losses["photometric"], losses["carving"] = _target_losses(
             model, reconstruction, sample.targets, steepness, config, generator
         )
-    if weights.grid_carving:
-        losses["grid_carving"] = _carve_grid(
+    if weights.grid_carving or weights.table:
+        losses["grid_carving"], losses["table"] = _carve_grid(
             model, reconstruction, (inputs, sample.targets), steepness, config.carving_rays, generator
         )
     return losses
@@ -128,21 +135,21 @@ def _carve_grid(
     sharpness: Tensor,
     num: int,
     generator: torch.Generator,
-) -> Tensor:
-    """Carving of the grid itself by `num` rays of every photo, inputs too.
+) -> tuple[Tensor, Tensor]:
+    """Carving of the grid itself by `num` rays of every photo, inputs too; and the table's place in it.
 
     Opacity needs no colours, so nothing can be copied from an input, and reading the grid along a ray costs
     next to nothing: this teaches the very values that the grasp head and the surface are made from.
     """
-    losses = []
+    carved, table = [], []
     for group in photos:
         for view in range(len(group.changes)):
             rays, row, column = choose_rays(model, group, view, num, generator)
             weights, middles = model.weights_on_grid(reconstruction, rays, sharpness, generator)
-            losses.append(
-                carving_loss(weights, middles, rays, group.changes[view, row, column], model.workspace)
-            )
-    return torch.stack(losses).mean()
+            labels = group.changes[view, row, column]
+            carved.append(carving_loss(weights, middles, rays, labels, model.workspace))
+            table.append(table_loss(reconstruction.sdf, rays, labels, model.workspace))
+    return torch.stack(carved).mean(), torch.stack(table).mean()
 
 
 def choose_rays(
