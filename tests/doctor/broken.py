@@ -12,11 +12,13 @@ from scipy import ndimage
 from neugrasp.doctor import problems
 from neugrasp.doctor.findings import Level, Problem
 from neugrasp.geometry.camera import Camera
-from neugrasp.geometry.pose import inverse, look_at, rigid
+from neugrasp.geometry.pose import from_quaternion, inverse, look_at, rigid, rotation_about, to_quaternion
 from neugrasp.views import View, Views
 
 Spoil = Callable[[Views], Views]
 GL = np.diag([1.0, -1.0, -1.0, 1.0])
+BODY = rigid([[0, -1, 0], [0, 0, -1], [1, 0, 0]])
+"""opencv_from_body; bodies have x forward, y left, z up."""
 RED, YELLOW = Level.RED, Level.YELLOW
 
 
@@ -33,6 +35,8 @@ class Case:
     """The views that the diagnosis must name."""
     is_mendable: bool = False
     """Whether the corrected copy must be the good capture again."""
+    tolerance: float = 1e-9
+    """Metres, and of rotation matrices, by which the corrected copy may differ."""
 
 
 def each(change: Callable[[View], View], only: tuple[int, ...] = (0, 1, 2, 3)) -> Spoil:
@@ -125,10 +129,30 @@ def shifted(x: float, y: float) -> Callable[[View], View]:
     )
 
 
-def overexposed(view: View) -> View:
-    """Both photos far too bright."""
-    bright = Room(gain=(5.0, 5.0, 5.0))
-    return view_of(view.camera, bright)
+def exposed(gain: float) -> Callable[[View], View]:
+    """Both photos far too bright or too dark."""
+    return lambda view: view_of(view.camera, Room(gain=(gain, gain, gain)))
+
+
+def out_of_focus(view: View) -> View:
+    """Both photos."""
+    image, background = (ndimage.gaussian_filter(p, (3, 3, 0)) for p in (view.image, view.background))
+    return replace(view, image=image, background=background)
+
+
+def left_standing(view: View) -> View:
+    """A photo of the empty table on which one object was forgotten."""
+    return replace(view, background=photo(view.camera, Room(objects=("ball",), seed=55)))
+
+
+def other_quaternion(turns: int) -> Callable[[np.ndarray], np.ndarray]:
+    """A pose whose quaternion was written in one order and read in another."""
+    return lambda p: from_quaternion(np.roll(to_quaternion(p), turns), p[:3, 3])
+
+
+def turned(axis: tuple[float, float, float], degrees: float) -> np.ndarray:
+    """A rotation as a transform."""
+    return rigid(rotation_about(axis, np.deg2rad(degrees)))
 
 
 def from_one_place(views: Views) -> Views:
@@ -174,7 +198,7 @@ def exchanged(view: View) -> View:
 
 def empty(view: View) -> View:
     """A photo of the empty table for the image."""
-    return replace(view, image=photo(view.camera, Room(has_objects=False, seed=77)))
+    return replace(view, image=photo(view.camera, Room(objects=(), seed=77)))
 
 
 CASES = [
@@ -189,6 +213,38 @@ CASES = [
         True,
     ),
     Case("one pose inverted", each(pose(inverse), (2,)), problems.INVERTED, RED, (2,), True),
+    Case(
+        "rotations inverted",
+        each(pose(lambda p: rigid(p[:3, :3].T, p[:3, 3]))),
+        problems.INVERTED_ROTATION,
+        RED,
+        (),
+        True,
+    ),
+    Case(
+        "quaternions w x y z read as x y z w",
+        each(pose(other_quaternion(1))),
+        problems.QUATERNION_ORDER,
+        RED,
+        (),
+        True,
+    ),
+    Case(
+        "quaternions x y z w read as w x y z",
+        each(pose(other_quaternion(-1))),
+        problems.QUATERNION_ORDER,
+        RED,
+        (),
+        True,
+    ),
+    Case(
+        "camera bodies of ROS for optical frames",
+        each(pose(lambda p: p @ BODY)),
+        problems.BODY_FRAME,
+        RED,
+        (),
+        True,
+    ),
     Case("poses in millimetres", each(pose(scaled(1000))), problems.UNITS, RED, (), True),
     Case("poses in centimetres", each(pose(scaled(100))), problems.UNITS, RED, (), True),
     Case(
@@ -214,6 +270,28 @@ CASES = [
         RED,
     ),
     Case("the cube 3 m away", cube(lambda p: p @ rigid(translation=(3, 0, 0))), problems.CUBE_NOT_SEEN, RED),
+    Case(
+        "the cube tilted by 4 degrees",
+        cube(lambda p: p @ turned((1, 0, 0), 4)),
+        problems.TABLE_TILTED,
+        RED,
+        (),
+        True,
+        0.004,
+    ),
+    Case(
+        "one camera 2 cm off",
+        each(pose(lambda p: rigid(translation=(0.02, 0, 0)) @ p), (1,)),
+        problems.TABLE_OFFSET,
+        RED,
+        (1,),
+    ),
+    Case(
+        "poses of the flange for the camera's",
+        each(pose(lambda p: p @ turned((1, 0, 0), 15) @ rigid(translation=(0, 0.05, 0.03)))),
+        problems.TABLE_OFFSET,
+        RED,
+    ),
     Case("two poses exchanged", poses((0, 2, 1, 3)), problems.VIEW_ORDER, RED, (1, 2), True),
     Case(
         "intrinsics of twice the resolution",
@@ -251,7 +329,7 @@ CASES = [
                         replace(
                             v.views[0].camera, world_from_camera=look_at((0.4, 0.5, 0.4), (0.15, 0.15, 0.05))
                         ),
-                        Room(has_objects=False),
+                        Room(objects=()),
                     ),
                 ),
                 *v.views[1:],
@@ -261,6 +339,7 @@ CASES = [
         RED,
         (0,),
     ),
+    Case("one object left on the empty table", each(left_standing), problems.NOT_EMPTY, YELLOW),
     Case("one stop more exposure", each(lit(Room(gain=(2.0, 2.0, 2.0)))), problems.EXPOSURE, RED),
     Case("warmer white balance", each(lit(Room(gain=(1.15, 1.0, 0.85)))), problems.WHITE_BALANCE, YELLOW),
     Case(
@@ -281,7 +360,9 @@ CASES = [
     ),
     Case("one view only", lambda v: replace(v, views=v.views[:1]), problems.SINGLE_VIEW, YELLOW),
     Case("one image blurred by motion", each(blurred, (2,)), problems.BLURRED, YELLOW, (2,)),
-    Case("photos overexposed", each(overexposed), problems.SATURATED, RED),
+    Case("all photos out of focus", each(out_of_focus), problems.BLURRED, YELLOW),
+    Case("photos underexposed", each(exposed(0.01)), problems.DARK, RED),
+    Case("photos overexposed", each(exposed(5.0)), problems.SATURATED, RED),
     Case(
         "each image is its own background",
         each(lambda v: replace(v, background=v.image)),

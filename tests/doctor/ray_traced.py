@@ -28,7 +28,8 @@ class Room:
     """Workspace frame, metres."""
     gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """Exposure times white balance."""
-    has_objects: bool = True
+    objects: tuple[str, ...] = ("ball", "box")
+    """What stands on the table."""
     hand: tuple[float, float] | None = None
     """The middle of a dark disc on the table beside the cube."""
     seed: int = 0
@@ -56,18 +57,16 @@ def photo(camera: Camera, room: Room, workspace: Workspace | None = None) -> np.
     points = eye + depth[..., None] * rays
     normal = np.broadcast_to([0.0, 0.0, 1.0], points.shape).copy()
     albedo = _table_albedo(points, room)
-    if room.has_objects:
-        for reach, face, colour in (_ball(eye, rays), _box(eye, rays)):
-            nearer = reach < depth
-            depth = np.where(nearer, reach, depth)
-            normal = np.where(nearer[..., None], face, normal)
-            albedo = np.where(nearer[..., None], colour, albedo)
-        points = eye + depth[..., None] * rays
+    for reach, face, colour in (SOLIDS[name](eye, rays) for name in room.objects):
+        nearer = reach < depth
+        depth = np.where(nearer, reach, depth)
+        normal = np.where(nearer[..., None], face, normal)
+        albedo = np.where(nearer[..., None], colour, albedo)
+    points = eye + depth[..., None] * rays
     lamp = np.array(room.lamp) - points
     distance = np.linalg.norm(lamp, axis=-1, keepdims=True)
     direct = np.clip((normal * lamp / distance).sum(-1, keepdims=True), 0, 1) * (1.2 / distance) ** 2
-    if room.has_objects:
-        direct = direct * (1 - 0.8 * _shadow(points + 1e-4 * normal, lamp)[..., None])
+    direct = direct * (1 - 0.8 * _shadow(points + 1e-4 * normal, lamp, room)[..., None])
     light = albedo * (0.25 + 0.75 * direct) * np.array(room.gain)
     shown = np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
     shown = shown + np.random.default_rng(room.seed).normal(0, NOISE, shown.shape)
@@ -109,9 +108,13 @@ def _box(eye: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray, tup
     return reach, normal, (0.10, 0.22, 0.45)
 
 
-def _shadow(points: np.ndarray, lamp: np.ndarray) -> np.ndarray:
+SOLIDS = {"ball": _ball, "box": _box}
+
+
+def _shadow(points: np.ndarray, lamp: np.ndarray, room: Room) -> np.ndarray:
     """Whether an object stands between points and the lamp."""
-    return np.asarray(np.isfinite(_ball(points, lamp)[0]) | np.isfinite(_box(points, lamp)[0]))
+    hits = [np.isfinite(SOLIDS[name](points, lamp)[0]) for name in room.objects]
+    return np.any(hits, axis=0) if hits else np.zeros(points.shape[:-1], dtype=bool)
 
 
 def good_capture(name: str = "released", size: tuple[int, int] = (640, 360)) -> Views:
@@ -126,4 +129,4 @@ def good_capture(name: str = "released", size: tuple[int, int] = (640, 360)) -> 
 def view_of(camera: Camera, room: Room, empty: Room | None = None) -> View:
     """A photo of the objects in one room, and of the empty table in another; by default the same."""
     empty = empty or replace(room, seed=room.seed + 100)
-    return View(photo(camera, room), photo(camera, replace(empty, has_objects=False)), camera)
+    return View(photo(camera, room), photo(camera, replace(empty, objects=())), camera)

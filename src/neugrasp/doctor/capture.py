@@ -71,14 +71,14 @@ def read_capture(path: Path) -> Reading:
         return Reading(None, (Finding("files", Level.RED, text, UNREADABLE),), data)
     views: list[View] = []
     numbers: list[int] = []
+    errors: dict[int, str] = {}
     for number, entry in enumerate(entries):
         try:
             views.append(view_of(entry, f"{file}, view {number}", file.parent))
             numbers.append(number)
         except InputError as error:
-            findings.append(Finding("files", Level.RED, str(error), _problem(str(error)), (number,)))
-    if not any(finding.item == "files" for finding in findings):
-        findings.append(green("files", _sizes(views)))
+            errors[number] = str(error)
+    findings += _unread(errors) or [green("files", _sizes(views))]
     capture = (
         Capture(Views(tuple(views), workspace), tuple(numbers), tuple(range(len(views)))) if views else None
     )
@@ -121,6 +121,16 @@ def _is_transposed(value: Any) -> bool:
 def _transposed(value: Any) -> list[list[float]]:
     rows: list[list[float]] = np.array(value, dtype=np.float64).T.tolist()
     return rows
+
+
+def _unread(errors: dict[int, str]) -> list[Finding]:
+    """One finding for each view that could not be read, and one for all with the same mistake in a matrix."""
+    found = [Finding("files", Level.RED, text, _problem(text), (view,)) for view, text in errors.items()]
+    merged = [finding for finding in found if finding.problem is UNREADABLE]
+    for problem in (NOT_RIGID, INTRINSICS_UNIT):
+        if same := [finding for finding in found if finding.problem is problem]:
+            merged.append(replace(same[0], views=tuple(view for finding in same for view in finding.views)))
+    return merged
 
 
 def _problem(message: str) -> Problem:

@@ -29,9 +29,9 @@ NEAREST, FARTHEST = 0.1, 3.0
 SEEN = 0.25
 """Share of the cube that a view must see to make sense."""
 CONFIRMED = 0.5
-"""Agreement about the table from which on an unlikely reading is believed."""
+"""Agreement about the table from which on an unlikely interpretation is believed."""
 CLEAR = 0.15
-"""By how much the tables of one interpretation must agree better than those of the next to decide between them."""
+"""By how much the tables of one interpretation must agree better than those of the next."""
 Candidate = tuple[Interpretation, Views]
 """A way to understand a scene, and the scene understood that way."""
 
@@ -133,7 +133,7 @@ def in_view(camera: Camera, points: Array) -> np.ndarray:
 def _decided(
     capture: Capture, candidates: list[Candidate], only: list[bool]
 ) -> tuple[Capture, list[Finding]]:
-    """Among interpretations in which all is plausible, the one in which the photos agree best about the table."""
+    """Of several interpretations the one in which the photos agree best about the table."""
     if len(candidates) > 1:
         scores = [_agreement(views, only) for _, views in candidates]
         order = np.argsort(scores)[::-1]

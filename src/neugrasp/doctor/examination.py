@@ -76,8 +76,11 @@ def _look(capture: Capture) -> tuple[Capture, list[Finding]]:
         capture, found = check(capture)
         findings += found
     wrong = {i for f in findings if f.problem in MISPLACED and f.level == Level.RED for i in f.views}
-    capture, found = check_table(capture, without=wrong)
-    findings += [*found, check_empty_table(capture.views, without=wrong)]
+    mended, found = check_table(capture, without=wrong)
+    findings += found
+    if worst(found) == Level.GREEN or mended is not capture:
+        findings.append(check_empty_table(mended.views, without=wrong))
+    capture = mended
     shots = shots_of(capture.views)
     findings += check_coverage(capture.views)
     unpaired = {i for finding in findings if finding.problem in UNPAIRED for i in finding.views}

@@ -51,9 +51,9 @@ PAIR_LOSS, LOSS = Limits(1.25, 3.0), Limits(2.0, 4.0)
 SHARP = 0.5
 """Fine over coarser detail of a photo that is just in focus; rendered captures measure 0.6 and more."""
 EDGE_LIMITS = Limits(6.3, np.inf)
-"""Pixels across which the steepest edges rise; rendered captures measure 2.3 to 5.4, at a blur of 3 pixels 7."""
+"""Pixels across which the steepest edges rise; rendered ones measure 2.3 to 5.4, blurred by 3 pixels 7."""
 STEEPEST, REACH, LEAST_STEP = 0.02, 9, 0.08
-"""Share of the pixels that are edges, the pixels across which an edge may rise, and its least height, of 1."""
+"""Share of the pixels that are edges, pixels across which one may rise, and its least height, of 1."""
 BLACK = 16
 """Displayed value of 255."""
 NOISE = 0.8 / 255
@@ -134,7 +134,7 @@ def check_sharpness(shots: Sequence[Shot]) -> list[Finding]:
 
 
 def _edge_width(shot: Shot) -> float:
-    """Pixels across which the steepest edges in the cube rise; objects have some. 0 where nothing has edges."""
+    """Pixels across which the steepest edges in the cube rise; 0 where there are none."""
     inside = shot.inside if shot.inside.any() else np.ones_like(shot.inside)
     picture = ndimage.gaussian_filter(grey(shot.image), SHARPNESS[0])
     step = ndimage.maximum_filter(picture, REACH) - ndimage.minimum_filter(picture, REACH)

@@ -133,7 +133,7 @@ TABLE_HEIGHT = Problem(
 )
 TABLE_TILTED = Problem(
     "The table is tilted against the cube",
-    "The floor of the cube must be parallel to the table: a board does not lie flat, or a calibration is off.",
+    "The floor of the cube must be parallel to the table: a board lay on something, or a calibration is off.",
     "Measure the workspace frame again, or run `neugrasp doctor SCENE --fix OUT`",
 )
 TABLE_OFFSET = Problem(
@@ -200,7 +200,7 @@ BACKGROUND_DIFFERS = Problem(
 )
 NOT_EMPTY = Problem(
     "Something stands on the empty table",
-    "What is in the background, too, is taken for a part of the table: no surface, and no care not to hit it.",
+    "What is in the background, too, is taken for the table: it gets no surface, and grasps may hit it.",
     "Clear the table, and take the backgrounds again",
 )
 SHIFTED = Problem(

@@ -41,7 +41,7 @@ def shift_between(first: Array, second: Array, largest: float = 0.2) -> Shift:
     Brightness and contrast may differ; what covers less than half of the picture may differ, too.
     """
     first, second = (texture(picture) for picture in (first, second))
-    starts = [(0.0, 0.0), _phase_correlation(first, second, largest)]
+    starts = {(0.0, 0.0), _phase_correlation(first, second, largest)}
     return max((_refined(first, second, start) for start in starts), key=lambda shift: shift.agreement)
 
 

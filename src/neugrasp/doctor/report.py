@@ -14,7 +14,7 @@ from neugrasp.doctor.shot import Shot, shots_of
 from neugrasp.doctor.table import table_colours
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.pictures.cube import draw_cube
-from neugrasp.pictures.page import badge, page, pictures, section, table, text
+from neugrasp.pictures.page import badge, marked, page, pictures, section, table, text
 from neugrasp.views import Image, Views
 
 VERDICTS = {
@@ -47,8 +47,8 @@ def findings_table(findings: Sequence[Finding]) -> str:
         where = f"{views_text(finding.views)}: " if finding.views else ""
         what = text(where + finding.measured)
         if finding.problem:
-            what += f'<div class="remedy"><b>{text(finding.problem.remedy)}.</b></div>'
-            what += f'<div class="meaning">{text(finding.problem.meaning)}</div>'
+            what += f'<div class="remedy"><b>{marked(finding.problem.remedy)}.</b></div>'
+            what += f'<div class="meaning">{marked(finding.problem.meaning)}</div>'
         rows.append((badge(finding.level.word, finding.level.word), text(finding.item), what))
     return table(("", "item", "measured, and what to do"), rows)
 

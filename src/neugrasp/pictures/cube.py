@@ -31,9 +31,9 @@ def draw_cube(photo: Image, camera: Camera, workspace: Workspace, width: int = 6
     camera = camera.cropped_and_resized(whole, width * OVERSAMPLING, height * OVERSAMPLING)
     layer = Picture.new("RGBA", (camera.width, camera.height), (0, 0, 0, 0))
     pen = ImageDraw.Draw(layer)
-    thin = max(2, round(camera.width / 500))
+    thin = max(2, round(camera.width / 320))
     for start, end in _table_lines(workspace):
-        _line(pen, camera, (start, end), (*TABLE, 150), thin)
+        _line(pen, camera, (start, end), (*TABLE, 200), thin)
     for start, end in _edges(workspace):
         _line(pen, camera, (start, end), (*CUBE, 230), thin)
     for axis, colour in zip(np.eye(3), AXES, strict=True):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import io
+import re
 from collections.abc import Sequence
 
 from PIL import Image as Picture
@@ -49,6 +50,11 @@ def page(title: str, lead: str, sections: Sequence[str]) -> str:
 def text(words: str) -> str:
     """Text as HTML."""
     return html.escape(words)
+
+
+def marked(words: str) -> str:
+    """Text as HTML, with `what stands between backticks` as code."""
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", text(words))
 
 
 def section(heading: str, *body: str) -> str:

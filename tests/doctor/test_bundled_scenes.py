@@ -1,0 +1,15 @@
+"""The bundled scenes, rendered, with glass and steel in them, are green: the limits are not too tight."""
+
+from __future__ import annotations
+
+import pytest
+
+from neugrasp.demo import DemoScene, demo_scenes
+from neugrasp.doctor.examination import examine_folder
+from neugrasp.doctor.findings import Level
+
+
+@pytest.mark.parametrize("scene", demo_scenes(), ids=lambda scene: scene.name)
+def test_bundled_scenes_are_green(scene: DemoScene):
+    diagnosis = examine_folder(scene.folder)
+    assert diagnosis.level == Level.GREEN, diagnosis.lines(Level.YELLOW)

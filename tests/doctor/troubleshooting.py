@@ -1,0 +1,66 @@
+"""The page docs/troubleshooting.md, made from the doctor's own words."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from neugrasp.doctor.findings import Finding, views_text
+from neugrasp.doctor.problems import all_problems
+
+FILE = Path(__file__).parents[2] / "docs/troubleshooting.md"
+COMMAND = "UPDATE_DOCS=1 pytest tests/doctor/test_broken_captures.py"
+HEAD = f"""# Troubleshooting
+
+`neugrasp doctor SCENE` examines a capture and says green, yellow or red for each item, with the measured
+value and what to do. `--report FILE.html` draws the cube and the table into every photo, `--fix OUT` writes a
+corrected copy where the cause is certain. It ends with 1 on red. `neugrasp predict` examines first, too, and
+refuses on red unless `--force` is given.
+
+This page is written by `{COMMAND}`; without the variable the
+same test checks it.
+
+## No grasps came out
+
+`predict` says where all candidates went: `0 of 64,000: 61,220 off the surface, 2,514 below 0.9 (best 0.83),
+266 too wide for the gripper`.
+
+| most of them | what it means |
+|---|---|
+| off the surface | there is no surface where objects stand: see the report's surface, run the doctor |
+| below the threshold, best near it | the network is unsure: more light, sharper photos, other views |
+| below the threshold, best far from it | it does not understand the photos: run the doctor |
+| too wide for the gripper | the objects are wider than the gripper opens: another `--gripper` |
+| too narrow to be real | noise or the edge of the table was taken for objects |
+
+## What the doctor can say
+
+"""
+TABLE = """## What it says to captures that were broken on purpose
+
+One good capture (a ball and a box on a speckled table, four views), spoilt in one way at a time. The good one
+is green, and so are the bundled demo scenes. The last column says where `--fix` brings back the good one.
+
+| what was done | verdict | what the doctor says | what to do | `--fix` |
+|---|---|---|---|---|
+"""
+
+
+def page(rows: Sequence[tuple[str, Finding, bool]]) -> str:
+    """The whole page; rows hold what was done, the finding, and whether --fix mends it."""
+    problems = [f"**{one.name}.** {one.meaning}\n*{one.remedy}.*\n\n" for one in all_problems()]
+    return "".join([HEAD, *problems, TABLE, *(_row(*row) for row in rows)])
+
+
+def _row(what: str, finding: Finding, is_mended: bool) -> str:
+    assert finding.problem is not None
+    where = f"{views_text(finding.views)}: " if finding.views else ""
+    says = f"**{finding.problem.name}.** {finding.item}: {where}{finding.measured}"
+    cells = (what, finding.level.word, says, finding.problem.remedy, "yes" if is_mended else "")
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n"
+
+
+def without_numbers(text: str) -> str:
+    """Measured values differ in their last digits from machine to machine."""
+    return re.sub(r"[-+]?\d+(\.\d+)?", "#", text)
