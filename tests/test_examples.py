@@ -157,3 +157,13 @@ def test_your_own_gripper(run: Run, tmp_path: Path) -> None:
     assert "0 grasps" in panda
     assert "wide: success" in wide
     assert varied(tmp_path / "outputs/gripper/wide.png")
+
+
+def test_from_other_programs(run: Run, ball: Path, weights: Path, tmp_path: Path) -> None:
+    printed = run("09", "--source", ball, "--weights", weights)
+    count = int(printed.split()[0])
+    assert np.load(tmp_path / "outputs/grasps.npy").shape == (count, 17)
+    imported, source = read_scene(tmp_path / "outputs/imported"), read_scene(ball)
+    for view, original in zip(imported.views, source.views, strict=True):
+        assert np.array_equal(view.image, original.image)
+        assert np.allclose(view.camera.world_from_camera, original.camera.world_from_camera, atol=1e-9)

@@ -43,7 +43,7 @@ def read_scene(path: Path) -> Views:
     if not 1 <= len(entries) <= MAX_VIEWS:
         raise InputError(f"{file}: {len(entries)} views given; a scene has 1 to {MAX_VIEWS} views")
     views = tuple(view_of(entry, f"{file}, view {i}", folder) for i, entry in enumerate(entries))
-    scene = Views(views, workspace)
+    scene = Views(views, workspace, source=str(folder.resolve()))
     check_scene(scene, str(file))
     return scene
 

@@ -1,0 +1,1 @@
+"""Grasps in the conventions of other programs."""

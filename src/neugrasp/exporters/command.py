@@ -1,0 +1,42 @@
+"""`neugrasp export` as plain data; heavy parts load when it is run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from neugrasp.errors import InputError
+
+
+@dataclass(frozen=True)
+class Export:
+    """Grasps in the convention of another program (drawn in docs/conventions.md), in the world's frame."""
+
+    grasps: Path
+    """A grasps.json of `neugrasp predict`."""
+    format: Literal["graspnet", "vgn", "ros"] = "ros"
+    """graspnet: graspnetAPI's and AnyGrasp's rows of 17 numbers, .npy. vgn: VGN's and GIGA's, .csv.
+    ros: PoseStamped dictionaries for MoveIt, .json."""
+    out: Path | None = None
+    """The file to write; by default beside GRASPS, named after the format."""
+    gripper: str | None = None
+    """The gripper that the grasps were predicted for: a name of a bundled one, or a file; by default the one
+    that GRASPS names."""
+    frame_id: str | None = None
+    """For ros: the name of your world in the tree of transforms; by default world."""
+    link: Literal["tcp", "hand"] | None = None
+    """For ros: what the poses are of, the TCP between the pads (by default) or the hand's flange."""
+
+    def run(self) -> str:
+        """How many grasps were written."""
+        from neugrasp.exporters.exporting import SUFFIXES, export_file
+        from neugrasp.exporters.ros import Stamp
+
+        for option, value in (("--frame-id", self.frame_id), ("--link", self.link)):
+            if value is not None and self.format != "ros":
+                raise InputError(f"{option} is for --format ros; {self.format} files hold no such name")
+        stamp = Stamp(self.frame_id or "world", self.link or "tcp")
+        out = self.out or self.grasps.with_name(f"{self.grasps.stem}_{self.format}{SUFFIXES[self.format][0]}")
+        count = export_file(self.grasps, out, self.format, self.gripper, stamp)
+        return f"{count} grasps in {out}"

@@ -1,0 +1,1 @@
+"""Other programs' photos and cameras, as scenes."""

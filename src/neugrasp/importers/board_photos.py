@@ -1,0 +1,92 @@
+"""Cameras known from a printed board in their photos."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from neugrasp.data.scene_folder import read_image
+from neugrasp.errors import InputError
+from neugrasp.geometry.pose import Array, apply, inverse
+from neugrasp.importers.board import Board
+from neugrasp.importers.files import read_object
+from neugrasp.importers.lens import Lens
+from neugrasp.importers.markers import Sighting, calibrate, find_board
+from neugrasp.importers.photos import Pair, is_photo
+from neugrasp.importers.robot_poses import lens_of
+from neugrasp.importers.shots import Shot
+
+STILL = 1.0
+"""Pixels by which the board's corners may move between image and background of a camera that stood still."""
+
+logger = logging.getLogger(__name__)
+
+
+def board_shots(folder: Path, pairs: Mapping[str, Pair], board: Board) -> list[Shot]:
+    """The camera of every pair in the board's frame. Raises `InputError` where a photo shows no board."""
+    lens = _lens(folder, pairs, board)
+    return [_shot(name, pair, lens, board) for name, pair in pairs.items()]
+
+
+def sight(board: Board, pair: Pair, shot: Shot) -> Sighting | None:
+    """The board as the camera of the image sees it: in the background, where nothing covers it and the camera
+    stood still, or in the image."""
+    if shot.world_from_background is None:
+        in_background = _in_photo(board, pair.background, shot.lens)
+        if in_background is not None:
+            return in_background
+    return _in_photo(board, pair.image, shot.lens)
+
+
+def _shot(name: str, pair: Pair, lens: Lens, board: Board) -> Shot:
+    background, image = (_in_photo(board, file, lens) for file in (pair.background, pair.image))
+    if background is None:
+        raise InputError(
+            f"{pair.background}: the board is not found; it must lie flat, whole and sharp in the photo"
+        )
+    logger.info("%s: %d corners within %.2f pixels", name, background.num_points, background.error)
+    world_from_background = inverse(background.camera_from_board)
+    if image is None:
+        logger.warning("%s: the board is not found; the camera is taken to have stood still", pair.image)
+    if image is None or _motion(board, lens, image, background) < STILL:
+        return Shot(name, lens, world_from_background)
+    return Shot(name, lens, inverse(image.camera_from_board), world_from_background)
+
+
+def _motion(board: Board, lens: Lens, one: Sighting, other: Sighting) -> float:
+    """Pixels by which the corners of the print move from one camera to the other, at most."""
+    width, height = board.print.size
+    corners = np.array([(0, 0, 0), (width, 0, 0), (width, height, 0), (0, height, 0)])
+    pixels = [_projected(lens, apply(sighting.camera_from_board, corners)) for sighting in (one, other)]
+    return float(np.linalg.norm(pixels[0] - pixels[1], axis=-1).max())
+
+
+def _projected(lens: Lens, points: Array) -> Array:
+    return np.asarray((points / points[:, 2:]) @ lens.intrinsics.T)[:, :2]
+
+
+def _in_photo(board: Board, file: Path, lens: Lens) -> Sighting | None:
+    photo = read_image(file, "the board")
+    if photo.shape[:2] != (lens.height, lens.width):
+        raise InputError(
+            f"{file}: {photo.shape[1]} x {photo.shape[0]} pixels; its camera was calibrated for "
+            f"{lens.width} x {lens.height}"
+        )
+    return find_board(board, photo, lens)
+
+
+def _lens(folder: Path, pairs: Mapping[str, Pair], board: Board) -> Lens:
+    """`camera.json` of the folder, or a calibration from the photos in `calibration` and the backgrounds."""
+    file = folder / "camera.json"
+    if file.is_file():
+        return lens_of(read_object(file), file)
+    extra = folder / "calibration"
+    files: Sequence[Path] = sorted(extra.iterdir()) if extra.is_dir() else []
+    files = [*filter(is_photo, files), *(pair.background for pair in pairs.values())]
+    lens = calibrate(board, [read_image(file, "the calibration") for file in files])
+    fx, fy, k1 = lens.intrinsics[0, 0], lens.intrinsics[1, 1], lens.radial[0]
+    logger.info("calibrated with %d photos: fx %.1f, fy %.1f pixels, k1 %.3f", len(files), fx, fy, k1)
+    return lens

@@ -1,0 +1,68 @@
+"""`neugrasp import` and `neugrasp board` as plain data; heavy parts load when one is run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class Import:
+    """Photos and cameras of other programs in, a scene folder out: whole, or nothing (docs/capture.md)."""
+
+    format: Literal["nerfstudio", "colmap", "robot", "board"]
+    """nerfstudio: transforms.json, also of instant-ngp. colmap: a model, text or binary. robot: robot.json
+    with flange poses and hand-eye calibration. board: photos that show a printed board, nothing else."""
+    source: Path
+    """transforms.json, robot.json, the folder of a COLMAP model, or of photos."""
+    out: Path = Path("outputs/scene")
+    """The scene folder to write; it must be new."""
+    images: Path | None = None
+    """The folder of the photos; by default images/ near the source."""
+    backgrounds: Path | None = None
+    """The folder of those of the empty table, of the same names; by default backgrounds/ near the source."""
+    views: tuple[str, ...] = ()
+    """Names of the photos to use, 1 to 8; by default all that have a background."""
+    board: str | None = None
+    """default, or a board's JSON file: the board in the photos says where the cube is and how large it is."""
+    alignment: Path | None = None
+    """A JSON file that says it instead: world_from_workspace, metres_per_unit, world_from_reconstruction."""
+
+    def run(self) -> str:
+        """How many views the new scene has, and what to do next."""
+        from neugrasp.importers.importing import ImportRun, import_scene
+
+        views = import_scene(
+            ImportRun(
+                format=self.format,
+                source=self.source,
+                out=self.out,
+                images=self.images,
+                backgrounds=self.backgrounds,
+                chosen=self.views,
+                board=self.board,
+                alignment=self.alignment,
+            )
+        )
+        return f"{len(views)} views in {self.out}; check them with: neugrasp doctor {self.out}"
+
+
+@dataclass(frozen=True)
+class PrintBoard:
+    """The board to print and lay on the table, as PDF or PNG, in its true size."""
+
+    out: Path = Path("board.pdf")
+    """The file to write, .pdf or .png."""
+    board: str = "default"
+    """default, or a board's JSON file (docs/data_format.md)."""
+    paper: Literal["a4", "letter", "a3"] = "a4"
+    """Laid on its side."""
+
+    def run(self) -> str:
+        """The file's name and how to print it."""
+        from neugrasp.importers.board import read_board
+        from neugrasp.importers.sheet import write_sheet
+
+        write_sheet(self.out, read_board(self.board), self.paper)
+        return f"{self.out}: print at 100 % (not: fit to page), then measure the line of 100 mm"

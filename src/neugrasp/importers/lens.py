@@ -1,0 +1,114 @@
+"""A lens as other programs describe it: a pinhole with the distortion of OpenCV."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from neugrasp.data.camera_checks import check_intrinsics
+from neugrasp.errors import InputError
+from neugrasp.geometry.pose import Array
+
+SLOPE_STEPS = 512
+"""Radii at which the distortion is examined."""
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A pinhole with OpenCV's radial and tangential distortion; pixel centres at integers."""
+
+    intrinsics: Array
+    """3x3, pixels, no skew."""
+    width: int
+    height: int
+    """Of the photos that it was calibrated for, pixels."""
+    radial: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """k1, k2, k3."""
+    tangential: tuple[float, float] = (0.0, 0.0)
+    """p1, p2."""
+
+    @property
+    def is_distorted(self) -> bool:
+        """Whether straight lines are bent."""
+        return any((*self.radial, *self.tangential))
+
+    @property
+    def coefficients(self) -> Array:
+        """(k1, k2, p1, p2, k3), in OpenCV's order."""
+        return np.array([*self.radial[:2], *self.tangential, self.radial[2]])
+
+    def pixel_grid(self) -> Array:
+        """The centres (height, width, 2) of all pixels."""
+        u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
+        return np.stack([u, v], axis=-1).astype(np.float64)
+
+    def normalised(self, pixels: Array) -> Array:
+        """Pixels (..., 2) of the ideal pinhole as x / z and y / z in the camera's frame."""
+        return np.asarray((pixels - self._centre) / self._focal)
+
+    def distorted(self, pixels: Array) -> Array:
+        """Where the photo really shows what an ideal pinhole would show at `pixels` (..., 2).
+
+        NaN where the polynomial folds back: beyond its own turning point it means nothing.
+        """
+        if not self.is_distorted:
+            return pixels
+        x, y = np.moveaxis(self.normalised(pixels), -1, 0)
+        p1, p2 = self.tangential
+        square = x * x + y * y
+        stretch = self._stretch(square)
+        bent = np.stack(
+            [
+                x * stretch + 2 * p1 * x * y + p2 * (square + 2 * x * x),
+                y * stretch + p1 * (square + 2 * y * y) + 2 * p2 * x * y,
+            ],
+            axis=-1,
+        )
+        bent[square > self._turning_point(float(square.max(initial=0.0)))] = np.nan
+        return np.asarray(bent * self._focal + self._centre)
+
+    @property
+    def _focal(self) -> Array:
+        return np.array([self.intrinsics[0, 0], self.intrinsics[1, 1]])
+
+    @property
+    def _centre(self) -> Array:
+        return self.intrinsics[:2, 2]
+
+    def _stretch(self, square: Array) -> Array:
+        """Distorted over ideal radius at squared ideal radii."""
+        k1, k2, k3 = self.radial
+        return np.asarray(1 + square * (k1 + square * (k2 + square * k3)))
+
+    def _turning_point(self, largest: float) -> float:
+        """The squared radius up to which a larger ideal radius means a larger distorted one."""
+        radius = np.linspace(0, np.sqrt(largest), SLOPE_STEPS)
+        falls = np.diff(radius * self._stretch(radius**2)) <= 0
+        return float(radius[np.argmax(falls)] ** 2) if falls.any() else np.inf
+
+
+def lens_from_corner(
+    focal: tuple[float, float],
+    centre: tuple[float, float],
+    size: tuple[int, int],
+    where: str,
+    radial: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    tangential: tuple[float, float] = (0.0, 0.0),
+) -> Lens:
+    """A lens whose principal point counts from the upper left corner of the photo, as in COLMAP and
+    nerfstudio: the centre of the first pixel is (0.5, 0.5) there and (0, 0) here. Raises `InputError` naming
+    `where`."""
+    cx, cy = centre[0] - 0.5, centre[1] - 0.5
+    intrinsics = np.array([[focal[0], 0, cx], [0, focal[1], cy], [0, 0, 1.0]])
+    return checked(Lens(intrinsics, *size, radial, tangential), where)
+
+
+def checked(lens: Lens, where: str) -> Lens:
+    """The lens, if its numbers can be those of a camera. Raises `InputError` naming `where`."""
+    if min(lens.width, lens.height) < 1:
+        raise InputError(f"{where}: {lens.width} x {lens.height} is no size of a photo")
+    check_intrinsics(lens.intrinsics, lens.width, lens.height, where)
+    if not np.all(np.isfinite(lens.coefficients)):
+        raise InputError(f"{where}: the distortion contains NaN or infinity")
+    return lens

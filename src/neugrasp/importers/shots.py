@@ -1,0 +1,124 @@
+"""What every importer gives: the name of a photo, its lens and its pose. Paired with backgrounds, a scene."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from neugrasp.data.scene_folder import read_image
+from neugrasp.errors import InputError
+from neugrasp.geometry.camera import Camera
+from neugrasp.geometry.pose import Array, rigid
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.importers.lens import Lens
+from neugrasp.importers.photos import Pair, shortened
+from neugrasp.importers.resampling import (
+    full_rectangle,
+    is_in_place,
+    is_inside,
+    resampled,
+    seen_on_table,
+)
+from neugrasp.views import MAX_VIEWS, Image, View, Views
+
+LEAST_SHOWN = 0.2
+"""Of a photo, what must be left of it after undistorting and warping."""
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A photo with its camera, as another program knows it."""
+
+    name: str
+    """Path relative to the folder of the photos."""
+    lens: Lens
+    world_from_camera: Array
+    """4x4, OpenCV axes; its translation in the other program's unit until `placed`."""
+    world_from_background: Array | None = None
+    """Of the camera that took the background, where it was not at the same place."""
+
+    def placed(self, new_from_world: Array, metres_per_unit: float = 1.0) -> Shot:
+        """The same shot in metres and in another frame; `new_from_world` is in metres."""
+
+        def place(pose: Array) -> Array:
+            return np.asarray(new_from_world @ rigid(pose[:3, :3], metres_per_unit * pose[:3, 3]))
+
+        background = self.world_from_background
+        return replace(
+            self,
+            world_from_camera=place(self.world_from_camera),
+            world_from_background=None if background is None else place(background),
+        )
+
+
+def scene_of(shots: Sequence[Shot], pairs: Mapping[str, Pair], workspace: Workspace) -> Views:
+    """The shots that have both photos, in the order of the pairs, undistorted, as views.
+
+    Raises `InputError` where there are more than `MAX_VIEWS`, and where a photo is not of its lens's size.
+    """
+    if len(pairs) > MAX_VIEWS:
+        raise InputError(
+            f"{len(pairs)} photos have a background; choose up to {MAX_VIEWS} of them with --views: "
+            f"{shortened(pairs)}"
+        )
+    by_name = {shot.name: shot for shot in shots}
+    return Views(tuple(_view(by_name[name], pair, workspace) for name, pair in pairs.items()), workspace)
+
+
+def _view(shot: Shot, pair: Pair, workspace: Workspace) -> View:
+    lens = shot.lens
+    image, background = (_photo(file, shot) for file in (pair.image, pair.background))
+    grid = lens.pixel_grid()
+    places = lens.distorted(grid)
+    background_places = _background_places(shot, workspace)
+    inside = is_inside(lens, places)
+    if lens.is_distorted:
+        image = resampled(image, places)
+    if background_places is not None:
+        background, inside = (
+            resampled(background, background_places),
+            inside & is_inside(lens, background_places),
+        )
+    elif lens.is_distorted:
+        background = resampled(background, places)
+    sensed = full_rectangle(inside)
+    if sensed is not None and (sensed[2] - sensed[0]) * (sensed[3] - sensed[1]) < LEAST_SHOWN * inside.size:
+        raise InputError(
+            f"{pair.background}: shows too little of what {pair.image.name} shows; photos and backgrounds "
+            "must be taken from (nearly) the same place, and the lens' distortion must be moderate"
+        )
+    camera = Camera(lens.intrinsics, shot.world_from_camera, lens.width, lens.height, sensed)
+    return View(np.ascontiguousarray(image), np.ascontiguousarray(background), camera, shot.name)
+
+
+def _photo(file: Path, shot: Shot) -> Image:
+    photo = read_image(file, shot.name)
+    height, width = photo.shape[:2]
+    if (width, height) != (shot.lens.width, shot.lens.height):
+        turned = (height, width) == (shot.lens.width, shot.lens.height)
+        raise InputError(
+            f"{file}: {width} x {height} pixels; its camera was calibrated for {shot.lens.width} x "
+            f"{shot.lens.height}" + (" (the photo lies on its side)" if turned else "")
+        )
+    return photo
+
+
+def _background_places(shot: Shot, workspace: Workspace) -> Array | None:
+    """Where the background's camera shows what the image's camera would see of the empty table; None where
+    both stood at one place."""
+    if shot.world_from_background is None:
+        return None
+    world_from_workspace = workspace.world_from_workspace
+    normal = world_from_workspace[:3, 2]
+    table = np.array([*normal, normal @ workspace.to_world(workspace.centre)])
+    places = seen_on_table(shot.lens, shot.world_from_camera, shot.world_from_background, table)
+    if is_in_place(shot.lens, places):
+        return None
+    logger.info("%s: the background was taken from another place and is warped along the table", shot.name)
+    return shot.lens.distorted(places)

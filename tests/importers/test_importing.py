@@ -1,0 +1,269 @@
+"""What comes in from other formats is the scene that was written in them, or an error that names the mistake."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image as Picture
+
+from foreign_formats import (
+    ARBITRARY,
+    Similarity,
+    whole_photos,
+    write_colmap,
+    write_nerfstudio,
+    write_photos,
+    write_robot,
+)
+from neugrasp import cli
+from neugrasp.data.scene_folder import read_scene
+from neugrasp.geometry.pose import rigid, rotation_about
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.views import Views
+
+Write = Callable[[Path, Views], list[str]]
+
+
+def nerfstudio(folder: Path, views: Views) -> list[str]:
+    source = write_nerfstudio(folder, views, ARBITRARY)
+    return ["nerfstudio", str(source), "--alignment", str(ARBITRARY.write(folder / "alignment.json", views))]
+
+
+def colmap_text(folder: Path, views: Views) -> list[str]:
+    source = write_colmap(folder, views, ARBITRARY, is_binary=False)
+    return ["colmap", str(source), "--alignment", str(ARBITRARY.write(folder / "alignment.json", views))]
+
+
+def colmap_binary(folder: Path, views: Views) -> list[str]:
+    source = write_colmap(folder, views, ARBITRARY, is_binary=True)
+    return ["colmap", str(source), "--alignment", str(ARBITRARY.write(folder / "alignment.json", views))]
+
+
+def robot(folder: Path, views: Views) -> list[str]:
+    source = write_robot(folder, views)
+    return ["robot", str(source), "--alignment", str(Similarity().write(folder / "alignment.json", views))]
+
+
+def robot_csv(folder: Path, views: Views) -> list[str]:
+    source = write_robot(folder, views, is_csv=True)
+    return ["robot", str(source), "--alignment", str(Similarity().write(folder / "alignment.json", views))]
+
+
+@pytest.fixture
+def elsewhere(small_views: Views) -> Views:
+    """Four views of one lens in a world whose cube is turned and far from the origin."""
+    place = rigid(rotation_about((0, 0, 1), 0.6), (1.0, -2.0, 0.3))
+    views = []
+    for view in small_views.views:
+        camera = replace(view.camera.moved(place), sensed=None)
+        views.append(replace(view, camera=camera))
+    return Views(tuple(views), Workspace(world_from_workspace=place))
+
+
+def same(one: Views, other: Views) -> None:
+    np.testing.assert_allclose(
+        one.workspace.world_from_workspace, other.workspace.world_from_workspace, atol=1e-12
+    )
+    assert len(one) == len(other)
+    for mine, yours in zip(one.views, other.views, strict=True):
+        assert np.array_equal(mine.image, yours.image)
+        assert np.array_equal(mine.background, yours.background)
+        np.testing.assert_allclose(mine.camera.intrinsics, yours.camera.intrinsics, atol=1e-9)
+        np.testing.assert_allclose(mine.camera.world_from_camera, yours.camera.world_from_camera, atol=1e-9)
+        assert mine.camera.sensed == yours.camera.sensed
+
+
+@pytest.mark.parametrize("write", [nerfstudio, colmap_text, colmap_binary, robot, robot_csv])
+def test_a_scene_comes_back_from_every_format(
+    write: Write, elsewhere: Views, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    arguments = write(tmp_path / "foreign", elsewhere)
+    assert cli.main(["import", *arguments, "--out", str(tmp_path / "scene")]) == 0
+    same(read_scene(tmp_path / "scene"), elsewhere)
+    assert sorted(file.name for file in (tmp_path / "scene").iterdir()) == [
+        "backgrounds",
+        "images",
+        "scene.json",
+    ]
+    assert "4 views in" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_grasps_are_those_of_the_original(tmp_path: Path):
+    """The promise of the importers: the same grasps within 1e-4, in the same world."""
+    from neugrasp.demo import demo_scenes
+    from neugrasp.detection.detector import NeuGraspDetector
+
+    detector = NeuGraspDetector.load("neugrasp")
+    original = whole_photos(read_scene(demo_scenes()[0].folder))
+    expected = detector.detect(original).grasps
+    assert len(expected) > 3
+    for write in (nerfstudio, colmap_text, colmap_binary):
+        arguments = write(tmp_path / write.__name__, original)
+        out = tmp_path / f"{write.__name__}_scene"
+        assert cli.main(["import", *arguments, "--out", str(out)]) == 0
+        found = detector.detect(read_scene(out)).grasps
+        assert len(found) == len(expected)
+        for mine, yours in zip(found, expected, strict=True):
+            np.testing.assert_allclose(mine.pose, yours.pose, atol=1e-4)
+            assert abs(mine.width - yours.width) < 1e-4
+            assert abs(mine.score - yours.score) < 1e-4
+
+
+def test_photos_are_chosen_by_name_and_kept_in_that_order(elsewhere: Views, tmp_path: Path):
+    arguments = nerfstudio(tmp_path / "foreign", elsewhere)
+    chosen = ["--views", "view_2", "view_0.png"]
+    assert cli.main(["import", *arguments, *chosen, "--out", str(tmp_path / "scene")]) == 0
+    views = (elsewhere.views[2], elsewhere.views[0])
+    same(read_scene(tmp_path / "scene"), replace(elsewhere, views=views))
+
+
+def test_only_photos_with_a_background_are_used(elsewhere: Views, tmp_path: Path):
+    arguments = colmap_binary(tmp_path / "foreign", elsewhere)
+    backgrounds = tmp_path / "empty_table"
+    (tmp_path / "foreign/backgrounds").rename(backgrounds)
+    for i in (0, 3):
+        (backgrounds / f"view_{i}.png").unlink()
+    # Another suffix is the same photo.
+    Picture.open(backgrounds / "view_1.png").save(backgrounds / "view_1.PNG")
+    (backgrounds / "view_1.png").unlink()
+    more = ["--backgrounds", str(backgrounds), "--out", str(tmp_path / "scene")]
+    assert cli.main(["import", *arguments, *more]) == 0
+    same(read_scene(tmp_path / "scene"), replace(elsewhere, views=elsewhere.views[1:3]))
+
+
+def broken(kind: str, folder: Path, views: Views) -> list[str]:
+    """Arguments of an import that cannot work."""
+    arguments = nerfstudio(folder, views)
+    file = folder / "transforms.json"
+    data = json.loads(file.read_text())
+    if kind == "no alignment":
+        arguments = arguments[:2]
+    elif kind == "two alignments":
+        arguments += ["--board", "default"]
+    elif kind == "no backgrounds":
+        arguments += ["--backgrounds", str(folder / "none")]
+    elif kind == "other names":
+        for photo in (folder / "backgrounds").iterdir():
+            photo.rename(photo.with_name("empty_" + photo.name))
+    elif kind == "no such view":
+        arguments += ["--views", "view_9"]
+    elif kind == "no such source":
+        arguments[1] = str(folder / "none.json")
+    elif kind == "no json":
+        file.write_text("{")
+    elif kind == "fisheye":
+        data["camera_model"] = "OPENCV_FISHEYE"
+    elif kind == "k4":
+        data["k4"] = 0.1
+    elif kind == "no pose":
+        del data["frames"][1]["transform_matrix"]
+    elif kind == "scaled pose":
+        data["frames"][1]["transform_matrix"][0] = [2.0, 0, 0, 0]
+    elif kind == "no frames":
+        data["frames"] = []
+    elif kind == "other size":
+        data["frames"][2]["w"] = 96
+    elif kind == "on its side":
+        data["frames"][2]["w"], data["frames"][2]["h"] = data["frames"][2]["h"], data["frames"][2]["w"]
+    elif kind == "no focal length":
+        del data["frames"][0]["fl_x"]
+    elif kind == "OpenCV axes":
+        for frame in data["frames"]:
+            frame["transform_matrix"] = (
+                np.array(frame["transform_matrix"]) @ np.diag([1, -1, -1, 1])
+            ).tolist()
+    elif kind == "same file twice":
+        data["frames"][1]["file_path"] = "other/view_0.png"
+    if kind != "no json":
+        file.write_text(json.dumps(data))
+    return arguments
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ("no alignment", "where is the cube"),
+        ("two alignments", "where is the cube"),
+        ("no backgrounds", "none: no such folder"),
+        ("other names", "has a background of the same name"),
+        ("no such view", "--views view_9: no photo of that name; there are images/view_0.png"),
+        ("no such source", r"none.json: missing"),
+        ("no json", r"transforms.json: not valid JSON"),
+        ("fisheye", "frame 0: camera_model 'OPENCV_FISHEYE' cannot be undistorted"),
+        ("k4", "frame 0: k4 cannot be undistorted"),
+        ("no pose", "frame 1: transform_matrix: missing"),
+        ("scaled pose", "frame 1: transform_matrix: not a rigid transform"),
+        ("no frames", "'frames' must be a list"),
+        ("other size", "view_2.png: 64 x 36 pixels; its camera was calibrated for 96 x 36"),
+        ("on its side", "lies on its side"),
+        ("no focal length", "frame 0: 'camera_angle_x' is None"),
+        ("OpenCV axes", "the workspace is outside every view; the poses look like OpenGL"),
+        ("same file twice", "view_0.png: stands for both"),
+    ],
+)
+def test_a_mistake_is_named_and_nothing_is_written(
+    kind: str, message: str, elsewhere: Views, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    arguments = broken(kind, tmp_path / "foreign", elsewhere)
+    assert cli.main(["import", *arguments, "--out", str(tmp_path / "scene")]) == 2
+    error = capsys.readouterr().err
+    assert "neugrasp: error: " in error
+    assert message in error
+    assert not (tmp_path / "scene").exists()
+
+
+def test_a_folder_in_use_is_left_alone(elsewhere: Views, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    out = tmp_path / "scene"
+    out.mkdir()
+    (out / "mine.txt").write_text("mine")
+    assert cli.main(["import", *nerfstudio(tmp_path / "foreign", elsewhere), "--out", str(out)]) == 2
+    assert "not empty; name a new folder" in capsys.readouterr().err
+    assert [file.name for file in out.iterdir()] == ["mine.txt"]
+
+
+def test_the_size_of_photos_is_found_where_the_file_does_not_say(elsewhere: Views, tmp_path: Path):
+    """As in the files of the synthetic NeRF scenes: no w and h, an angle, names without a suffix."""
+    arguments = nerfstudio(tmp_path / "foreign", elsewhere)
+    file = tmp_path / "foreign/transforms.json"
+    data = json.loads(file.read_text())
+    camera = elsewhere.views[0].camera
+    data["camera_angle_x"] = 2 * np.arctan(camera.width / 2 / camera.intrinsics[0, 0])
+    for frame in data["frames"]:
+        frame["file_path"] = frame["file_path"].removesuffix(".png")
+        for key in ("fl_x", "fl_y", "w", "h"):
+            del frame[key]
+    file.write_text(json.dumps(data))
+    assert cli.main(["import", *arguments, "--out", str(tmp_path / "scene")]) == 0
+    same(read_scene(tmp_path / "scene"), elsewhere)
+
+
+def test_more_than_eight_views_are_refused(
+    elsewhere: Views, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    folder = tmp_path / "foreign"
+    arguments = nerfstudio(folder, elsewhere)
+    data = json.loads((folder / "transforms.json").read_text())
+    data["frames"] = [{**data["frames"][i % 4], "file_path": f"images/view_{i}.png"} for i in range(12)]
+    (folder / "transforms.json").write_text(json.dumps(data))
+    for i in range(4, 12):
+        for kind in ("images", "backgrounds"):
+            Picture.open(folder / kind / f"view_{i % 4}.png").save(folder / kind / f"view_{i}.png")
+    assert cli.main(["import", *arguments, "--out", str(tmp_path / "scene")]) == 2
+    assert "12 photos have a background; choose up to 8 of them with --views" in capsys.readouterr().err
+
+
+def test_a_background_without_a_pose_is_told(
+    elsewhere: Views, tmp_path: Path, caplog: pytest.LogCaptureFixture
+):
+    arguments = nerfstudio(tmp_path / "foreign", elsewhere)
+    views = tuple(elsewhere.views[i % 4] for i in range(5))
+    write_photos(tmp_path / "foreign", replace(elsewhere, views=views))
+    assert cli.main(["import", *arguments, "--out", str(tmp_path / "scene")]) == 0
+    assert "no pose is known for view_4.png" in caplog.text
