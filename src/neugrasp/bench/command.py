@@ -1,0 +1,73 @@
+"""`neugrasp bench` as plain data; heavy parts load when it is run."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Literal
+
+from neugrasp.errors import InputError
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedTest:
+    """Speed of every stage on this machine: of detecting and of training, beside the floor and a plain
+    reference implementation."""
+
+    json: Path | None = None
+    """A file for all figures."""
+    network: Literal["small", "paper"] = "small"
+    """small: the shipped network and its recipe. paper: the paper's shapes at random weights."""
+    part: Literal["all", "inference", "training"] = "all"
+    """What is measured."""
+    views: int = 4
+    """Photos of the scene, 1 to 8."""
+    rounds: int = 5
+    """How often everything is timed; of training steps, which are slow, half as often."""
+    threads: int | None = None
+    """Threads that PyTorch computes with; by default as many as it takes by itself."""
+    device: Literal["cpu", "cuda"] = "cpu"
+    """Where to compute."""
+    precision: Literal["own", "float32", "bfloat16"] = "own"
+    """Of the products: what the detector and the recipe choose themselves, or one of these. The reference
+    computes in float32."""
+    reference: bool = True
+    """Time the plain reference implementation, too."""
+    seed: int = 0
+    """Of random weights, rays and grasps."""
+
+    def command(self) -> str:
+        """The line that repeats this run."""
+        words = ["neugrasp", "bench"]
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name == "json" or value == field.default:
+                continue
+            words += [f"--no-{field.name}"] if value is False else [f"--{field.name}", str(value)]
+        return shlex.join(words)
+
+    def run(self) -> str:
+        """The table."""
+        self._check()
+        from neugrasp.bench.measure import measure
+        from neugrasp.bench.report import summary, table, write_json
+
+        found = summary(measure(self))
+        lines = [table(found)]
+        if self.json is not None:
+            write_json(self.json, found)
+            lines.append(f"\n{self.json}")
+        return "\n".join(lines)
+
+    def _check(self) -> None:
+        if not 1 <= self.views <= 8:
+            raise InputError(f"--views {self.views}: a scene has 1 to 8 views")
+        for option, value in (("--rounds", self.rounds), ("--threads", self.threads)):
+            if value is not None and value < 1:
+                raise InputError(f"{option} {value}: must be at least 1")
+        if self.device == "cuda":
+            import torch
+
+            if not torch.cuda.is_available():
+                raise InputError("--device cuda: PyTorch sees no CUDA device here; use --device cpu")

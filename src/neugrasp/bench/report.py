@@ -1,0 +1,257 @@
+"""A measurement as JSON and as a table."""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import subprocess
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from neugrasp.bench.machine import Machine, Rates
+from neugrasp.bench.measure import Comparison, Inference, Measurement, Series, Training
+from neugrasp.bench.recorder import Cost
+from neugrasp.bench.stages import OTHER
+from neugrasp.errors import NeuGraspError
+
+FORMAT, VERSION = "neugrasp-bench", 1
+ORDER = (
+    "prepare",
+    "encode images",
+    "backgrounds",
+    "foreground",
+    "voxel maps",
+    "volumes",
+    "field query",
+    "grasp head",
+    "selection",
+    "ray field",
+    "ray weights",
+    "grid rays",
+    "losses",
+    "backward",
+    "optimiser",
+    OTHER,
+)
+"""The stages as a table shows them."""
+ROW = "{:<16}{:>10}{:>9}{:>9}{:>8}{:>10}{:>9}{:>14}{:>10}"
+HEADER = ROW.format(
+    "", "median ms", "+- ms", "GFLOP", "MB", "floor ms", "x floor", "reference ms", "speed-up"
+)
+
+
+def summary(found: Measurement) -> dict[str, Any]:
+    """Everything as plain data; what a reader looks for first stands at the top."""
+    settings = found.settings
+    report: dict[str, Any] = {"format": FORMAT, "version": VERSION, "command": settings.command()}
+    if found.inference:
+        report |= _headline("photos_to_grasps", found.inference.stages)
+        report["files_to_grasps_s"] = report["photos_to_grasps_s"] + _median(found.inference.loading)
+    if found.training:
+        report |= _headline("training_step", found.training.stages)
+    report["commit"] = _commit()
+    report |= {name: getattr(settings, name) for name in ("network", "views", "precision", "seed")}
+    report["machine"] = _machine(found.machine, found.rates)
+    if found.inference:
+        report["inference"] = _inference(found.inference, found.rates)
+    if found.training:
+        report["training"] = _training(found.training, found.rates)
+    return report
+
+
+def table(report: dict[str, Any]) -> str:
+    """The summary for people."""
+    lines = _machine_lines(report["machine"])
+    if "inference" in report:
+        part = report["inference"]
+        lines += ["", f"Photos to grasps, network {report['network']}, {report['views']} views", HEADER]
+        lines += [_line(row) for row in (*part["stages"], part["total"], *part["outside"])]
+        lines += [_cpu_line(part["total"]), *_notes(part)]
+    if "training" in report:
+        part = report["training"]
+        lines += ["", f"A training step, network {report['network']}, one scene", HEADER]
+        lines += [_line(row) for row in (*part["stages"], part["total"])]
+        kept = [f"{side} {num / 1e9:.2f} GB" for side, num in part["kept_for_backward_bytes"].items()]
+        lines += [_cpu_line(part["total"]), f"kept for the backward pass: {', '.join(kept)}"]
+    return "\n".join(lines)
+
+
+def _cpu_line(total: dict[str, Any]) -> str:
+    """Processor time of all threads, which other programs hardly lengthen."""
+    line = f"processor time {total['cpu_s']:.2f} s"
+    if reference := total["reference"]:
+        ratio = reference["cpu_s"] / total["cpu_s"]
+        line += f", the reference {reference['cpu_s']:.2f} s, {ratio:.1f} x as much"
+    return line
+
+
+def _notes(inference: dict[str, Any]) -> list[str]:
+    lines = []
+    if inference["peak_memory_bytes"]:
+        lines.append(f"peak memory {inference['peak_memory_bytes'] / 1e9:.2f} GB")
+    if same := inference["agreement_with_reference"]:
+        lines += [
+            f"{same['grasps']} grasps, the reference {same['reference_grasps']}; in the same voxels: "
+            f"the first {same['leading']}, {same['shared']} in all",
+            f"TSDFs differ by {same['tsdf_difference']:.1e} at most",
+        ]
+    return lines
+
+
+def write_json(file: Path, report: dict[str, Any]) -> None:
+    """The summary as a file, whole or not at all. Raises `NeuGraspError` where it cannot be written."""
+    temporary = file.with_name(f".{file.name}.{os.getpid()}")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        temporary.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+        temporary.replace(file)
+    except OSError as error:
+        raise NeuGraspError(f"{file}: cannot be written ({error.strerror})") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _headline(name: str, compared: Comparison) -> dict[str, float]:
+    product = _median(compared.product)
+    if compared.reference is None:
+        return {f"{name}_s": product}
+    reference = _median(compared.reference)
+    return {f"{name}_s": product, f"{name}_reference_s": reference, f"{name}_speedup": reference / product}
+
+
+def _median(series: Series) -> float:
+    return statistics.median(run.seconds for run in series.runs)
+
+
+def _machine(machine: Machine, rates: Rates) -> dict[str, Any]:
+    return {
+        **asdict(machine),
+        "busy": machine.is_busy,
+        "products_flop_per_s": rates.flops,
+        "copy_bytes_per_s": rates.copy,
+    }
+
+
+def _inference(found: Inference, rates: Rates) -> dict[str, Any]:
+    outside = [Comparison(series, None) for series in (found.loading, found.new_backgrounds)]
+    return {
+        **_comparison(found.stages, rates),
+        "outside": [row for one in outside for row in _rows(one, rates) if row["stage"] != OTHER],
+        "agreement_with_reference": asdict(found.agreement) if found.agreement else None,
+        "peak_memory_bytes": found.memory,
+    }
+
+
+def _training(found: Training, rates: Rates) -> dict[str, Any]:
+    kept = dict(zip(("product", "reference"), found.kept, strict=False))
+    return {**_comparison(found.stages, rates), "kept_for_backward_bytes": kept}
+
+
+def _comparison(compared: Comparison, rates: Rates) -> dict[str, Any]:
+    rows = _rows(compared, rates)
+    # The stages run one after the other, so their floors add up.
+    floor = sum(row["floor_s"] or 0.0 for row in rows)
+    sides = [_total(side) if side else None for side in (compared.product, compared.reference)]
+    return {"total": _row("total", sides, floor), "stages": rows}
+
+
+def _rows(compared: Comparison, rates: Rates) -> list[dict[str, Any]]:
+    """A row for every stage of either side; a side that lacks it spends nothing there."""
+    product, reference = compared.product, compared.reference
+    names = {*product.costs, *(reference.costs if reference else ())}
+    rows = []
+    for name in sorted(names, key=lambda name: ORDER.index(name) if name in ORDER else -1):
+        sides = [_stage(side, name) if side else None for side in (product, reference)]
+        rows.append(_row(name, sides, rates.floor(product.costs.get(name, Cost()))))
+    return rows
+
+
+def _row(name: str, sides: list[dict[str, Any] | None], floor: float) -> dict[str, Any]:
+    product, reference = sides
+    assert product is not None
+    seconds = product["seconds"]
+    return {
+        "stage": name,
+        **product,
+        "floor_s": floor or None,
+        "times_the_floor": seconds / floor if floor else None,
+        "speedup": reference["seconds"] / seconds if reference and seconds else None,
+        "reference": reference,
+    }
+
+
+def _stage(series: Series, name: str) -> dict[str, Any]:
+    seconds = [run.stages[name].seconds if name in run.stages else 0.0 for run in series.runs]
+    return _timing(seconds, series.costs.get(name, Cost()))
+
+
+def _total(series: Series) -> dict[str, Any]:
+    total = Cost()
+    for cost in series.costs.values():
+        total.add(cost)
+    cpu = statistics.median(run.cpu_seconds for run in series.runs)
+    return {**_timing([run.seconds for run in series.runs], total), "cpu_s": cpu}
+
+
+def _timing(seconds: list[float], cost: Cost) -> dict[str, Any]:
+    return {
+        "seconds": statistics.median(seconds),
+        "quartiles_s": _quartiles(seconds),
+        "all_s": seconds,
+        "flop": cost.flops,
+        "bytes": cost.num_bytes,
+    }
+
+
+def _quartiles(seconds: list[float]) -> list[float]:
+    if len(seconds) < 2:
+        return [seconds[0], seconds[0]]
+    low, _, high = statistics.quantiles(seconds, n=4, method="inclusive")
+    return [low, high]
+
+
+def _machine_lines(machine: dict[str, Any]) -> list[str]:
+    rates = machine["products_flop_per_s"]
+    lines = [
+        f"{machine['processor']}, {machine['cores']} cores, {machine['threads']} threads; "
+        f"device {machine['device']}; PyTorch {machine['torch']}",
+        f"products {rates['float32'] / 1e9:,.0f} GFLOP/s in float32, "
+        f"{rates['bfloat16'] / 1e9:,.0f} in bfloat16; copies {machine['copy_bytes_per_s'] / 1e9:,.1f} GB/s",
+    ]
+    if machine["busy"]:
+        lines.append(f"busy (load {machine['load']:.1f} before the start): times are too long, ratios vague")
+    return lines
+
+
+def _line(row: dict[str, Any]) -> str:
+    low, high = row["quartiles_s"]
+    return ROW.format(
+        row["stage"],
+        _milli(row["seconds"]),
+        _milli((high - low) / 2),
+        f"{sum(row['flop'].values()) / 1e9:.2f}",
+        f"{row['bytes'] / 1e6:,.0f}",
+        _milli(row["floor_s"]),
+        _times(row["times_the_floor"]),
+        _milli(row["reference"]["seconds"] if row["reference"] else None),
+        _times(row["speedup"]),
+    ).rstrip()
+
+
+def _milli(seconds: float | None) -> str:
+    return "" if seconds is None else f"{seconds * 1e3:,.1f}"
+
+
+def _times(ratio: float | None) -> str:
+    return "" if ratio is None else f"{ratio:,.1f}"
+
+
+def _commit() -> str:
+    """The commit of the source tree this runs from, or "unknown" outside of one."""
+    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"

@@ -1,0 +1,177 @@
+"""What is timed: photos to grasps by the product and by the plain reference, in the same stages."""
+
+from __future__ import annotations
+
+import time
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import torch
+
+from neugrasp.bench.agreement import Found
+from neugrasp.bench.counting import FlopCounter
+from neugrasp.bench.recorder import Cost, Part, Recorder, watched
+from neugrasp.bench.reference.network import ReferenceNetwork
+from neugrasp.data.scene_folder import read_scene
+from neugrasp.detection.decode import Prediction, select_grasps
+from neugrasp.detection.detector import NeuGraspDetector
+from neugrasp.model.inputs import prepare
+from neugrasp.model.network import NeuGrasp
+from neugrasp.views import Views
+
+PARTS = (
+    Part("encode images", "encode", "features"),
+    Part("backgrounds", "encode_backgrounds", "features"),
+    Part("foreground", "residual.forward", "residual"),
+    Part("voxel maps", "reconstruct"),
+    Part("volumes", "volumes.forward", "volumes"),
+    Part("field query", "field.on_grid", "field"),
+    Part("grasp head", "head.forward", "head"),
+    Part("ray field", "field.forward", "field"),
+    Part("ray weights", "render"),
+    Part("grid rays", "weights_on_grid"),
+)
+"""Parts of a network that are stages; both networks call them the same."""
+LOAD, NEW_BACKGROUNDS = "load", "new backgrounds"
+OTHER = "other"
+"""What no stage accounts for."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One pass through everything."""
+
+    seconds: float
+    """Of the whole, with the device finished."""
+    cpu_seconds: float
+    """Of the processor, all threads together: what remains a measure where others compute, too."""
+    stages: dict[str, Cost]
+
+
+class Subject(Protocol):
+    """Something to be timed."""
+
+    device: torch.device
+
+    def run(self, recorder: Recorder) -> None:
+        """Everything once, every stage in the recorder."""
+        ...
+
+
+def timed(subject: Subject) -> Run:
+    """One pass, timed."""
+    return _run(subject, None)
+
+
+def counted(subject: Subject) -> Run:
+    """One pass with operations and bytes counted, which makes it slow."""
+    counter = FlopCounter()
+    with counter:
+        return _run(subject, counter)
+
+
+def _run(subject: Subject, counter: FlopCounter | None) -> Run:
+    recorder = Recorder(subject.device, counter)
+    recorder.clock.finish()
+    start, cpu_start = time.perf_counter(), time.process_time()
+    subject.run(recorder)
+    recorder.clock.finish()
+    seconds, cpu_seconds = time.perf_counter() - start, time.process_time() - cpu_start
+    stages = recorder.costs()
+    stages[OTHER] = Cost(max(0.0, seconds - sum(cost.seconds for cost in stages.values())))
+    return Run(seconds, cpu_seconds, stages)
+
+
+class ProductDetection:
+    """The detector as it is; features of the backgrounds are kept from the first pass on."""
+
+    def __init__(self, detector: NeuGraspDetector, views: Views, bfloat16: bool):
+        self.detector, self.views, self.bfloat16 = detector, views, bfloat16
+        self.device = detector.device
+        self.found: Found | None = None
+        """By the last pass."""
+
+    def run(self, recorder: Recorder) -> None:
+        with watched(self.detector.model, PARTS, recorder), _precision(self.device, self.bfloat16):
+            detection = self.detector.detect(self.views)
+        self.found = Found(detection.tsdf, detection.grasps)
+        for stage, num_bytes in host_bytes(self.views, self.detector.model).items():
+            recorder.note(stage, Cost(detection.timing_s[stage], num_bytes=num_bytes))
+
+
+class Loading:
+    """Reading a scene's files."""
+
+    device = torch.device("cpu")
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+
+    def run(self, recorder: Recorder) -> None:
+        with recorder.stage(LOAD):
+            views = read_scene(self.folder)
+        files = [
+            self.folder / "scene.json",
+            *self.folder.glob("images/*"),
+            *self.folder.glob("backgrounds/*"),
+        ]
+        pixels = sum(view.image.nbytes + view.background.nbytes for view in views.views)
+        recorder.note(LOAD, Cost(num_bytes=sum(file.stat().st_size for file in files) + pixels))
+
+
+class NewBackgrounds:
+    """Encoding backgrounds that were never seen."""
+
+    def __init__(self, detector: NeuGraspDetector, views: Views, bfloat16: bool):
+        self.model, self.bfloat16, self.device = detector.model, bfloat16, detector.device
+        self.inputs = prepare(views, self.model.config.image_size).to(self.device)
+
+    @torch.no_grad()
+    def run(self, recorder: Recorder) -> None:
+        with _precision(self.device, self.bfloat16):
+            model = self.model
+            recorder.call(NEW_BACKGROUNDS, model.features, model.encode_backgrounds, self.inputs)
+
+
+class ReferenceDetection:
+    """Photos to grasps with the plain network; nothing is kept between passes."""
+
+    def __init__(self, detector: NeuGraspDetector, views: Views):
+        self.network = ReferenceNetwork(detector.model)
+        self.detector, self.views, self.device = detector, views, detector.device
+        self.found: Found | None = None
+        """By the last pass."""
+
+    @torch.no_grad()
+    def run(self, recorder: Recorder) -> None:
+        network = self.network
+        with recorder.stage("prepare"):
+            inputs = prepare(self.views, network.config.image_size).to(self.device)
+        with watched(network, PARTS, recorder):
+            maps = network.encode(inputs.images)
+            empty = network.encode_backgrounds(inputs)
+            tsdf = network.reconstruct(maps, empty, inputs).sdf.clamp(-1, 1)
+            volume = network.head(tsdf.unsqueeze(0))
+        with recorder.stage("selection"):
+            grids = (tsdf, volume.quality[0], volume.rotation[0], volume.width[0])
+            prediction = Prediction(*(grid.cpu().numpy() for grid in grids))
+            detector = self.detector
+            chosen = select_grasps(prediction, network.workspace, detector.gripper, detector.selection)
+            placed = self.views.workspace.world_from_workspace
+            grasps = tuple(grasp.moved(placed) for grasp in chosen.grasps)
+        self.found = Found(prediction.tsdf, grasps)
+
+
+def _precision(device: torch.device, bfloat16: bool) -> AbstractContextManager[object]:
+    """Autocast to bfloat16, or whatever the product does by itself."""
+    return torch.autocast(device.type, torch.bfloat16) if bfloat16 else nullcontext()
+
+
+def host_bytes(views: Views, model: NeuGrasp) -> dict[str, int]:
+    """Bytes in and out of the stages outside the network, by stage."""
+    photos = sum(view.image.nbytes + view.background.nbytes for view in views.views)
+    tensors = 4 * 3 * len(views) * model.config.image_size**2
+    grids = 4 * 7 * model.workspace.resolution**3
+    return {"prepare": photos + 2 * tensors, "backgrounds": tensors, "selection": grids}
