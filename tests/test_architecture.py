@@ -27,6 +27,7 @@ LAYERS = [
     {"evaluation", "export"},
     {"report", "exporters", "viewer"},
     {"demo"},
+    {"bench"},
     {"cli"},
 ]
 """Every part may import from the layers above its own, and from itself."""
@@ -89,6 +90,8 @@ def test_plain_scenes_know_geometry_only():
         ("pybullet", "simulation/physics.py"),
         ("bpy", "simulation/blender.py"),
         ("tyro", "cli.py"),
+        ("viser", "viewer/stage.py"),
+        ("cv2", "importers/markers.py"),
     ],
 )
 def test_heavy_modules_have_one_home(module: str, home: str):
@@ -119,7 +122,7 @@ def test_files_can_be_read_in_one_sitting(file: Path):
     assert name in TABLES or len(file.read_text().splitlines()) <= LONGEST
 
 
-HEAVY = {"pybullet", "pybullet_data", "bpy", "trimesh", "matplotlib", "tensorboard", "tyro"}
+HEAVY = {"pybullet", "pybullet_data", "bpy", "trimesh", "matplotlib", "tensorboard", "tyro", "viser", "cv2"}
 
 
 @pytest.mark.parametrize(
@@ -129,6 +132,8 @@ HEAVY = {"pybullet", "pybullet_data", "bpy", "trimesh", "matplotlib", "tensorboa
         ("neugrasp.export", HEAVY),
         ("neugrasp.training.trainer", HEAVY - {"tensorboard"}),
         ("neugrasp.data.records", {*HEAVY, "torch"}),
+        ("neugrasp.importers.importing", {*HEAVY, "torch"}),
+        ("neugrasp.exporters.exporting", {*HEAVY, "torch"}),
         ("neugrasp.simulation.generate", {"torch", "bpy", "matplotlib"}),
     ],
 )

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Protocol
 
 import tyro
 
+from neugrasp.bench.command import SpeedTest
 from neugrasp.doctor.command import Doctor
 from neugrasp.doctor.findings import Verdict
 from neugrasp.errors import InputError, NeuGraspError
@@ -173,14 +174,14 @@ class Train:
     resume: bool = False
     """Go on from the last checkpoint in --out."""
 
-    def run(self) -> None:
+    def run(self) -> Path:
         import torch
 
         from neugrasp.training.trainer import TrainRun, train
 
         if self.device == "cuda" and not torch.cuda.is_available():
             raise InputError("--device cuda: PyTorch sees no CUDA device here; use --device cpu")
-        weights = train(
+        return train(
             TrainRun(
                 recipe=self.recipe,
                 data=self.data,
@@ -193,7 +194,6 @@ class Train:
                 resume=self.resume,
             )
         )
-        print(weights)
 
 
 @dataclass(frozen=True)
@@ -219,7 +219,7 @@ class Validate:
     seed: int = 0
     """Of the random antipodal grasps."""
 
-    def run(self) -> None:
+    def run(self) -> str:
         from neugrasp.evaluation.held_out import HeldOutRun, run_held_out
         from neugrasp.evaluation.held_out_table import held_out_table
 
@@ -234,8 +234,7 @@ class Validate:
                 seed=self.seed,
             )
         )
-        print(held_out_table(summary))
-        print(f"\n{self.out / 'held_out.json'}")
+        return f"{held_out_table(summary)}\n\n{self.out / 'held_out.json'}"
 
 
 class Command(Protocol):
@@ -261,6 +260,7 @@ COMMANDS: dict[str, Callable[..., Command]] = {
     "story": _positional(Story),
     "results": Results,
     "view": _positional(Viewer),
+    "bench": SpeedTest,
 }
 
 
@@ -277,15 +277,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         report = command.run()
         if report is not None:
             print(report)
-        if isinstance(report, Verdict):
-            return report.exit_code
     except KeyboardInterrupt:
         print("neugrasp: interrupted", file=sys.stderr)
         return 130
     except (NeuGraspError, OSError) as error:
         print(f"neugrasp: error: {error}", file=sys.stderr)
         return 2
-    return 0
+    return report.exit_code if isinstance(report, Verdict) else 0
 
 
 def _summary(name: str, detection: Detection, folder: Path) -> str:

@@ -45,7 +45,8 @@ def write_prediction(folder: Path, views: Views, detection: Detection, gripper: 
     write_surface(folder / "surface.ply", surface)
     write_tsdf(folder / "tsdf.npz", detection.tsdf, workspace)
     write_picture(folder / "overlay.png", overlay_sheet(views, detection.grasps, gripper))
-    write_grasps(folder / "grasps.json", detection.grasps, detection.rejected, detection.timing_s)
+    origin = {"scene": views.source, "gripper": gripper.name}
+    write_grasps(folder / "grasps.json", detection.grasps, detection.rejected, detection.timing_s, origin)
 
 
 def write_grasps(
@@ -53,8 +54,10 @@ def write_grasps(
     grasps: Sequence[Grasp],
     rejected: Mapping[str, int] | None = None,
     timing_s: Mapping[str, float] | None = None,
+    origin: Mapping[str, str] | None = None,
 ) -> None:
-    """Grasps in the world frame, best first; how many candidates each reason rejected; seconds per stage."""
+    """Grasps in the world frame, best first; how many candidates each reason rejected; seconds per stage;
+    the scene and the gripper they were found for."""
     ordered = sorted(grasps, key=lambda grasp: -grasp.score)
     entries = [
         {
@@ -69,6 +72,7 @@ def write_grasps(
         "format": FORMAT,
         "version": VERSION,
         "frame": "world",
+        **{key: value for key, value in (origin or {}).items() if value},
         "grasps": entries,
         "rejected": {reason: int(count) for reason, count in (rejected or {}).items()},
         "timing_s": {stage: float(seconds) for stage, seconds in (timing_s or {}).items()},

@@ -35,6 +35,8 @@ class Views:
 
     views: tuple[View, ...]
     workspace: Workspace
+    source: str = ""
+    """The folder that they were read from, where there is one."""
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.views) <= MAX_VIEWS:

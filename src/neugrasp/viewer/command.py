@@ -1,0 +1,58 @@
+"""`neugrasp view` as plain data; heavy parts load when it is run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class Viewer:
+    """Shows a capture, a prediction or a round of decluttering in the browser, to turn and to click on.
+
+    Needs the extra `view`: pip install 'neugrasp[view]'.
+    """
+
+    path: Path
+    """A scene folder, what `neugrasp predict` or `demo` wrote, or what `neugrasp evaluate` wrote."""
+    scene: Path | None = None
+    """The scene of a prediction; by default the one that it names."""
+    round: int = 0
+    """Which round of an evaluation, from 0."""
+    objects: Path | None = None
+    """The folder of URDF objects that an evaluation or a record was made with."""
+    gripper: str | None = None
+    """The gripper to draw: a name of a bundled one, or a file; by default the one that was used."""
+    screenshot: Path | None = None
+    """Write one picture to this PNG file, with a browser without a window, and end."""
+    size: tuple[int, int] = (1600, 1000)
+    """Width and height of the picture, pixels."""
+    panel: bool = False
+    """The picture shows the page with its controls, not the scene alone."""
+    colour: Literal["photos", "confidence", "views", "plain"] = "photos"
+    """What colours the surface."""
+    truth: bool = False
+    """Begin with the ground truth shown, where there is one."""
+    moment: int = 0
+    """The moment of a round to begin with, from 0."""
+    browser: str | None = None
+    """The Chromium or Chrome to take pictures with; by default the first one found."""
+    host: str = "127.0.0.1"
+    """Where to listen; 0.0.0.0 lets other machines look, too."""
+    port: int = 8080
+    """The next free one is taken where it is in use."""
+
+    def run(self) -> str | None:
+        """The name of the picture, or nothing after the viewer was ended with Ctrl-C."""
+        from neugrasp.viewer.opening import open_contents
+        from neugrasp.viewer.settings import Settings
+        from neugrasp.viewer.show import serve, take_picture
+
+        contents = open_contents(self)
+        settings = Settings.for_contents(contents, self.colour, self.truth, self.moment)
+        if self.screenshot is not None:
+            take_picture(self, contents, settings)
+            return str(self.screenshot)
+        serve(self, contents, settings)
+        return None

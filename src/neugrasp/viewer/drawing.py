@@ -1,0 +1,219 @@
+"""From contents and settings to what is drawn. Parts that did not change come back as the same objects."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image as Picture
+
+from neugrasp.geometry.pose import Array, rigid
+from neugrasp.pictures.slices import slice_picture
+from neugrasp.viewer.cameras import cameras
+from neugrasp.viewer.contents import Candidate, Colour, Contents, Grid, Moment
+from neugrasp.viewer.hand_meshes import bar_mesh, hand_mesh
+from neugrasp.viewer.nodes import AxesNode, LinesNode, MeshNode, Node, PictureNode
+from neugrasp.viewer.painting import (
+    Field,
+    by_confidence,
+    by_photos,
+    by_views,
+    fine_surface,
+    things_on_table,
+)
+from neugrasp.viewer.settings import Colouring, Hand, Settings
+from neugrasp.viewer.tabletop import edge, tabletop
+
+CUBE: Colour = (150, 156, 166)
+PLAIN: Colour = (120, 165, 215)
+TRUE: Colour = (64, 190, 170)
+"""Of true surfaces and grasps."""
+BELOW_TABLE = 0.0008
+"""Metres by which the picture of the table lies below the table, so that bodies stand on it."""
+WORST, MIDDLE, BEST = np.array([222, 62, 48]), np.array([245, 190, 50]), np.array([38, 176, 86])
+LOWEST = 0.5
+"""The score that is red; 1 is green."""
+SLICE_PIXELS = 320
+
+
+def nodes_of(contents: Contents, settings: Settings) -> tuple[Node, ...]:
+    """Everything that is to be drawn, names unique."""
+    moment = contents.moment(settings.moment)
+    nodes: list[Node] = []
+    if settings.shows_table:
+        nodes.append(_table(contents))
+    if settings.shows_cube:
+        nodes.append(_cube(contents))
+    if settings.shows_cameras:
+        nodes += cameras(contents)
+    if settings.shows_surface and moment.tsdf is not None:
+        nodes.append(_surface(contents, moment, settings.colouring, settings.shows_reconstructed_table))
+    nodes += _solids(moment)
+    if settings.shows_truth:
+        nodes += _truth(contents)
+    if settings.shows_true_grasps:
+        nodes += _hands(contents, contents.truth.grasps, settings.hand, "truth/grasps")[: settings.most]
+    chosen = selected(contents, settings)
+    nodes += [
+        _seen_through(node) if node.candidate is chosen else node for node in grasps_of(contents, settings)
+    ]
+    if settings.slice_axis != "none" and moment.tsdf is not None:
+        nodes.append(_slice(contents, moment, "xyz".index(settings.slice_axis), settings.slice_index))
+    if chosen is not None:
+        nodes.append(AxesNode("selected", chosen.grasp.pose, 0.07))
+    return tuple(nodes)
+
+
+def grasps_of(contents: Contents, settings: Settings) -> tuple[MeshNode, ...]:
+    """The grasps at or above the threshold, best first, as many as wanted."""
+    moment = contents.moment(settings.moment)
+    hands = _hands(contents, moment.grasps, settings.hand, "grasps")
+    passed = [node for node in hands if _score(node) >= settings.threshold]
+    return tuple(passed[: settings.most])
+
+
+def selected(contents: Contents, settings: Settings) -> Candidate | None:
+    """The grasp that was clicked, where there is one."""
+    grasps = contents.moment(settings.moment).grasps
+    number = settings.selected
+    return grasps[number] if number is not None and number < len(grasps) else None
+
+
+def colour_of(candidate: Candidate) -> Colour:
+    """Green for a grasp that held, red for one that did not; else by its score, red to yellow to green."""
+    if candidate.outcome is not None:
+        return _plain(BEST if candidate.outcome else WORST)
+    place = float(np.clip((candidate.grasp.score - LOWEST) / (1 - LOWEST), 0, 1))
+    first, second, share = (WORST, MIDDLE, 2 * place) if place < 0.5 else (MIDDLE, BEST, 2 * place - 1)
+    return _plain(first + (second - first) * share)
+
+
+def describe(contents: Contents, candidate: Candidate) -> str:
+    """What a click on a grasp shows, as Markdown."""
+    in_world = candidate.grasp.moved(contents.workspace.world_from_workspace)
+    place, approach = (" ".join(f"{x:+.3f}" for x in v) for v in (in_world.position, in_world.approach))
+    lines = [
+        f"**score** {in_world.score:.3f}",
+        f"**width** {in_world.width * 1000:.0f} mm",
+        f"**TCP in the world** {place} m",
+        f"**approach** {approach}",
+    ]
+    return "  \n".join([*lines, candidate.note] if candidate.note else lines)
+
+
+@lru_cache(maxsize=8)
+def _seen_through(node: MeshNode) -> MeshNode:
+    """A mesh inside of which the axes can be seen."""
+    return replace(node, opacity=0.45)
+
+
+def _score(node: MeshNode) -> float:
+    return node.candidate.grasp.score if node.candidate else 1.0
+
+
+def _plain(colour: np.ndarray) -> Colour:
+    red, green, blue = colour.round().astype(int).tolist()
+    return red, green, blue
+
+
+@lru_cache(maxsize=4)
+def _table(contents: Contents) -> PictureNode:
+    workspace = contents.workspace
+    middle = workspace.centre - (0, 0, BELOW_TABLE)
+    pose = rigid(np.diag([1.0, -1.0, -1.0]), middle)
+    side = edge(workspace)
+    return PictureNode("table", tabletop(contents.views, workspace), side, side, pose, has_shadows=True)
+
+
+@lru_cache(maxsize=4)
+def _cube(contents: Contents) -> LinesNode:
+    corners = contents.workspace.corners()
+    pairs = [(a, b) for i, a in enumerate(corners) for b in corners[i + 1 :]]
+    edges = [(a, b) for a, b in pairs if np.count_nonzero(a != b) == 1]
+    return LinesNode("cube", np.array(edges), CUBE, 0.001)
+
+
+@lru_cache(maxsize=16)
+def _surface(contents: Contents, moment: Moment, colouring: Colouring, has_table: bool) -> MeshNode:
+    assert moment.tsdf is not None
+    workspace = contents.workspace
+    surface = (fine_surface if has_table else things_on_table)(moment.tsdf, workspace)
+    field = Field(moment.tsdf, workspace)
+    colour: Colour | np.ndarray = PLAIN
+    if len(surface.vertices) and colouring == "photos" and contents.has_photos:
+        colour = by_photos(surface, field, contents.views)
+    elif len(surface.vertices) and colouring == "views" and contents.has_photos:
+        colour = by_views(surface, field, contents.views)
+    elif len(surface.vertices) and colouring == "confidence":
+        colour = by_confidence(surface, field)
+    return MeshNode("surface", surface, colour)
+
+
+@lru_cache(maxsize=64)
+def _solids(moment: Moment) -> tuple[MeshNode, ...]:
+    return tuple(
+        MeshNode(f"bodies/{i} {solid.name}", solid.surface, solid.colour)
+        for i, solid in enumerate(moment.solids)
+    )
+
+
+@lru_cache(maxsize=4)
+def _truth(contents: Contents) -> tuple[MeshNode, ...]:
+    """Known bodies where there are any, else the surface fused from depth images."""
+    truth = contents.truth
+    if truth.solids:
+        return tuple(
+            MeshNode(f"truth/bodies/{i} {solid.name}", solid.surface, TRUE, 0.55)
+            for i, solid in enumerate(truth.solids)
+        )
+    if truth.tsdf is None:
+        return ()
+    return (MeshNode("truth/surface", things_on_table(truth.tsdf, contents.workspace), TRUE, 0.55),)
+
+
+@lru_cache(maxsize=64)
+def _hands(
+    contents: Contents, candidates: tuple[Candidate, ...], hand: Hand, folder: str
+) -> tuple[MeshNode, ...]:
+    nodes = []
+    for number, candidate in enumerate(candidates):
+        width = min(candidate.grasp.width, contents.gripper.max_opening)
+        if hand == "lines":
+            mesh = bar_mesh(contents.gripper, width)
+        else:
+            mesh = hand_mesh(contents.gripper, width, has_palm=hand == "whole hand")
+        colour = TRUE if folder.startswith("truth") else colour_of(candidate)
+        nodes.append(
+            MeshNode(f"{folder}/{number:03d}", mesh.moved(candidate.grasp.pose), colour, 1.0, True, candidate)
+        )
+    return tuple(nodes)
+
+
+@lru_cache(maxsize=8)
+def _slice(contents: Contents, moment: Moment, axis: int, index: int) -> PictureNode:
+    grid: Grid | None = moment.tsdf
+    assert grid is not None
+    workspace = contents.workspace
+    picture = np.dstack(
+        [slice_picture(grid, workspace, axis, index, SLICE_PIXELS), _opacity(grid, axis, index)]
+    )
+    middle = np.full(3, workspace.size / 2)
+    middle[axis] = workspace.position_of(index)
+    return PictureNode("slice", picture, workspace.size, workspace.size, rigid(slice_frame(axis), middle))
+
+
+def _opacity(grid: Grid, axis: int, index: int) -> NDArray[np.uint8]:
+    """(p, p) of a slice: full at the surface, a third where the distance is cut off."""
+    nearness = 1 - np.abs(np.take(grid, index, axis=axis).T[::-1]).clip(0, 1)
+    small = (255 * (0.35 + 0.65 * np.sqrt(nearness))).astype(np.uint8)
+    return np.asarray(
+        Picture.fromarray(small).resize((SLICE_PIXELS, SLICE_PIXELS), Picture.Resampling.BILINEAR)
+    )
+
+
+def slice_frame(axis: int) -> Array:
+    """Columns right, down and away of the picture of a slice looked at along `axis`."""
+    right, up = (np.eye(3)[a] for a in range(3) if a != axis)
+    return np.stack([right, -up, np.cross(right, -up)], axis=1)

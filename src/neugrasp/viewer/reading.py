@@ -1,0 +1,151 @@
+"""Scenes, records and predictions on disk as contents."""
+
+from __future__ import annotations
+
+import json
+import logging
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neugrasp.data.labels import labels_from_bytes
+from neugrasp.data.npz import npz_arrays
+from neugrasp.data.scene_folder import FILE, read_scene
+from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.export import read_grasps
+from neugrasp.geometry.pose import from_quaternion, inverse
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.grasp import Grasp
+from neugrasp.gripper import Gripper, bundled
+from neugrasp.pictures.shading import free_where_unseen
+from neugrasp.simulation.scene import scene_from_json
+from neugrasp.viewer.bodies import solids_of
+from neugrasp.viewer.contents import Candidate, Contents, Grid, Moment, Solid, Truth
+from neugrasp.views import View, Views
+
+log = logging.getLogger(__name__)
+GRASPS, GRID = "grasps.json", "tsdf.npz"
+MOST_TRUE_GRASPS = 60
+"""Labels that held are kept for drawing up to this number, evenly spread over the list."""
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What the user may say about a path."""
+
+    scene: Path | None = None
+    gripper: str | None = None
+    objects: Path | None = None
+
+
+def scene_contents(folder: Path, choices: Choices) -> Contents:
+    """A capture; of a record or a bundled scene with its ground truth."""
+    folder = folder.parent if folder.name == FILE else folder
+    views = read_scene(folder)
+    gripper = Gripper.load(choices.gripper or "panda")
+    return Contents(
+        title=folder.resolve().name,
+        workspace=views.workspace,
+        gripper=gripper,
+        views=in_workspace(views),
+        moments=(Moment(f"{len(views)} photos, nothing predicted yet"),),
+        truth=_truth(folder, gripper, choices.objects),
+    )
+
+
+def prediction_contents(folder: Path, choices: Choices) -> Contents:
+    """What `neugrasp predict` wrote, with the photos it was made from where they can be found."""
+    grasps = read_grasps(folder / GRASPS)
+    tsdf, workspace = _read_grid(folder / GRID)
+    about = json.loads((folder / GRASPS).read_text(encoding="utf-8"))
+    gripper = _gripper(choices.gripper or about.get("gripper", "panda"), folder / GRASPS)
+    capture = _capture(folder, about.get("scene"), replace(choices, gripper=choices.gripper or gripper.name))
+    if capture is not None and not _same_place(capture.workspace, workspace):
+        raise InputError(
+            f"{folder}: its workspace lies elsewhere than that of {capture.title}; give the scene that the "
+            "prediction was made from: --scene DIR"
+        )
+    workspace_from_world = inverse(workspace.world_from_workspace)
+    candidates = tuple(Candidate(grasp.moved(workspace_from_world)) for grasp in grasps)
+    best = f", the best with score {grasps[0].score:.2f}" if grasps else ""
+    moment = Moment(f"{len(grasps)} grasps{best}", tsdf, candidates)
+    empty = Contents(folder.resolve().name, workspace, gripper)
+    return replace(capture or empty, gripper=gripper, moments=(moment,))
+
+
+def in_workspace(views: Views) -> tuple[View, ...]:
+    """The views with their cameras in the workspace frame."""
+    workspace_from_world = inverse(views.workspace.world_from_workspace)
+    return tuple(replace(view, camera=view.camera.moved(workspace_from_world)) for view in views.views)
+
+
+def _gripper(name: str, file: Path) -> Gripper:
+    if not name.endswith(".json") and name not in bundled():
+        raise InputError(f"{file}: made for the gripper {name!r}, which is not bundled; give it as --gripper")
+    return Gripper.load(name)
+
+
+def _capture(folder: Path, named: Any, choices: Choices) -> Contents | None:
+    """The scene of a prediction: as given, else as it names it, else none."""
+    if choices.scene is not None:
+        return scene_contents(choices.scene, choices)
+    if (folder / FILE).is_file():
+        return scene_contents(folder, choices)
+    if not isinstance(named, str) or not named:
+        log.warning("%s does not say which scene it was made from: no photos; give --scene DIR", folder)
+        return None
+    try:
+        return scene_contents(Path(named), choices)
+    except NeuGraspError as error:
+        log.warning("no photos: %s; give the scene as --scene DIR", error)
+        return None
+
+
+def _same_place(a: Workspace, b: Workspace) -> bool:
+    return bool(np.allclose(a.world_from_workspace, b.world_from_workspace, atol=1e-6))
+
+
+def _read_grid(file: Path) -> tuple[Grid, Workspace]:
+    if not file.is_file():
+        raise InputError(f"{file}: missing; a prediction needs {GRASPS} and {GRID}")
+    arrays = npz_arrays(file.read_bytes(), ("tsdf", "world_from_workspace"), str(file))
+    workspace = Workspace(world_from_workspace=arrays["world_from_workspace"])
+    return checked(arrays["tsdf"], workspace, file), workspace
+
+
+def checked(grid: np.ndarray, workspace: Workspace, file: Path) -> Grid:
+    """A grid of the workspace's resolution with numbers in it. Raises `InputError` naming the file."""
+    if grid.shape != (workspace.resolution,) * 3 or not np.all(np.isfinite(grid.astype(np.float32))):
+        raise InputError(f"{file}: 'tsdf' must be {workspace.resolution} x 3 finite numbers, is {grid.shape}")
+    return grid.astype(np.float32)
+
+
+def _truth(folder: Path, gripper: Gripper, objects: Path | None) -> Truth:
+    """What the generator left beside the photos."""
+    grid = folder / "truth.npz"
+    tsdf = None
+    if grid.is_file():
+        stored = npz_arrays(grid.read_bytes(), ("tsdf",), str(grid))["tsdf"]
+        tsdf = free_where_unseen(checked(stored, Workspace(), grid))
+    world = folder / "world.json"
+    solids: tuple[Solid, ...] = ()
+    if world.is_file():
+        solids = solids_of(scene_from_json(world.read_text(encoding="utf-8"), world), objects)
+    return Truth(tsdf, solids, _true_grasps(folder / "grasps.npz", gripper))
+
+
+def _true_grasps(file: Path, gripper: Gripper) -> tuple[Candidate, ...]:
+    """Grasps that held; labels are given at the grasp point, the TCP lies farther along the approach."""
+    if not file.is_file():
+        return ()
+    labels = labels_from_bytes(file.read_bytes(), str(file))
+    held = np.flatnonzero(labels.success)
+    chosen = held[np.linspace(0, len(held) - 1, min(len(held), MOST_TRUE_GRASPS)).astype(int)]
+    grasps = []
+    for i in chosen:
+        pose = from_quaternion(labels.quaternions[i], labels.points[i])
+        grasp = Grasp(pose, float(labels.widths[i])).advanced(gripper.tcp_depth)
+        grasps.append(Candidate(grasp, True, "held in simulation"))
+    return tuple(grasps)

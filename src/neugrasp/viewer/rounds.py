@@ -1,0 +1,103 @@
+"""A round of the decluttering benchmark as contents: a moment for each attempt, and what was left."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neugrasp.errors import InputError
+from neugrasp.evaluation.episode import Attempt, Episode, read_episode
+from neugrasp.evaluation.rounds import Rounds
+from neugrasp.geometry.camera import Camera
+from neugrasp.geometry.pose import from_quaternion
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.grasp import Grasp
+from neugrasp.gripper import Gripper
+from neugrasp.simulation.objects import ObjectLibrary
+from neugrasp.simulation.scene import Scene, scene_from_json
+from neugrasp.viewer.bodies import COLOURS, Identity, identity, solids_of
+from neugrasp.viewer.contents import Candidate, Colour, Contents, Moment, Solid
+from neugrasp.viewer.reading import Choices
+from neugrasp.views import View
+
+NO_PHOTO = np.zeros((0, 0, 3), dtype=np.uint8)
+"""Photos are not kept with a round."""
+
+
+def round_contents(evaluation: Path, number: int, choices: Choices) -> Contents:
+    """Round `number` of what `neugrasp evaluate` wrote. Raises `InputError` where it is not there."""
+    facts = _facts(evaluation)
+    episode = read_episode(evaluation / "rounds" / f"{number:06d}.json")
+    if "folder" in facts["object_sets"] and choices.objects is None:
+        raise InputError(f"{evaluation} was made with a folder of objects: give it as --objects DIR")
+    workspace = Workspace()
+    views = tuple(
+        View(NO_PHOTO, NO_PHOTO, camera, f"camera {i}")
+        for i, camera in enumerate(_cameras(facts, number, choices.objects, workspace))
+    )
+    return Contents(
+        title=f"{evaluation.resolve().name}, round {number}",
+        workspace=workspace,
+        gripper=Gripper.load(choices.gripper or facts["gripper"]),
+        views=views,
+        moments=moments_of(episode, choices.objects),
+    )
+
+
+def moments_of(episode: Episode, objects: Path | None) -> tuple[Moment, ...]:
+    """Every attempt with what lay there before it, then what was left."""
+    colours = _colours(episode)
+    moments = []
+    for attempt in episode.attempts:
+        words = f"attempt {attempt.attempt + 1} of {len(episode.attempts)}: {attempt.reason}"
+        moments.append(
+            Moment(words, grasps=(_candidate(attempt),), solids=_lying(attempt.before, objects, colours))
+        )
+    moments.append(Moment(f"the end: {episode.ending}", solids=_lying(episode.left, objects, colours)))
+    return tuple(moments)
+
+
+def _facts(folder: Path) -> dict[str, Any]:
+    try:
+        facts: dict[str, Any] = json.loads((folder / "run.json").read_text())
+        _ = facts["object_sets"], facts["scene"], facts["seed"], facts["views"], facts["gripper"]
+    except (OSError, KeyError, TypeError, json.JSONDecodeError) as error:
+        raise InputError(f"{folder}: no evaluation (run.json: {error!r})") from error
+    return facts
+
+
+def _cameras(
+    facts: dict[str, Any], number: int, objects: Path | None, workspace: Workspace
+) -> tuple[Camera, ...]:
+    library = ObjectLibrary.open(facts["object_sets"], objects)
+    rounds = Rounds(facts["scene"], facts["seed"], library, facts["materials"], facts["views"])
+    return rounds.sensors(number, workspace)
+
+
+def _colours(episode: Episode) -> dict[Identity, Colour]:
+    """One colour for each body, the same at all times."""
+    times = [_scene(attempt.before) for attempt in episode.attempts] + [_scene(episode.left)]
+    bodies = [identity(body) for scene in times if scene for body in scene.bodies]
+    return {body: COLOURS[i % len(COLOURS)] for i, body in enumerate(dict.fromkeys(bodies))}
+
+
+def _scene(lying: dict[str, Any] | None) -> Scene | None:
+    if lying is None or not lying["bodies"]:
+        return None
+    return scene_from_json(json.dumps({"format": "neugrasp-world", "version": 1, **lying}))
+
+
+def _lying(
+    lying: dict[str, Any] | None, objects: Path | None, colours: dict[Identity, Colour]
+) -> tuple[Solid, ...]:
+    scene = _scene(lying)
+    return solids_of(scene, objects, colours) if scene else ()
+
+
+def _candidate(attempt: Attempt) -> Candidate:
+    pose = from_quaternion(attempt.quaternion_xyzw, attempt.position)
+    note = f"{attempt.reason}; chosen among {attempt.candidates}"
+    return Candidate(Grasp(pose, attempt.width, attempt.score), attempt.success, note)

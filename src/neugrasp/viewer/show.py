@@ -1,0 +1,94 @@
+"""The viewer as a whole: contents on a stage, with a panel; kept open, or photographed."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from dataclasses import replace
+
+import numpy as np
+from PIL import Image as Picture
+
+from neugrasp.viewer.browser import Browser
+from neugrasp.viewer.command import Viewer
+from neugrasp.viewer.contents import Candidate, Contents
+from neugrasp.viewer.drawing import nodes_of
+from neugrasp.viewer.panel import Panel
+from neugrasp.viewer.settings import Settings
+from neugrasp.viewer.stage import Stage
+from neugrasp.viewer.viewpoint import viewpoint
+from neugrasp.views import Image
+
+log = logging.getLogger(__name__)
+SMALL = (480, 300)
+"""Of the browser's window where only the scene is wanted: it draws that all the time, besides."""
+OVERSAMPLING = 2
+GROUND = np.array([255, 255, 255])
+
+
+class Show:
+    """Contents in the browser, with what the visitor has chosen."""
+
+    def __init__(self, contents: Contents, settings: Settings, host: str = "127.0.0.1", port: int = 8080):
+        self.contents, self.settings = contents, settings
+        self._lock = threading.Lock()
+        self.stage = Stage(host, port, contents.title)
+        self.stage.stand_at(viewpoint(contents))
+        self.panel = Panel(self.stage.gui, contents, settings, self.update)
+        self.update(settings)
+
+    def __enter__(self) -> Show:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stage.close()
+
+    def update(self, settings: Settings) -> None:
+        """Draws another state."""
+        with self._lock:
+            self.settings = settings
+            self.stage.draw(nodes_of(self.contents, settings), self.click)
+            self.panel.tell(settings)
+
+    def click(self, candidate: Candidate) -> None:
+        """Shows what there is to say of a grasp; of the same one again, nothing."""
+        grasps = self.contents.moment(self.settings.moment).grasps
+        number = grasps.index(candidate) if candidate in grasps else None
+        again = number == self.settings.selected
+        self.update(replace(self.settings, selected=None if again else number))
+
+    def picture(self, width: int, height: int) -> Image:
+        """RGB (height, width, 3) of what the first visitor sees, on white."""
+        large = self.stage.picture(viewpoint(self.contents), OVERSAMPLING * width, OVERSAMPLING * height)
+        rgb, opacity = large[..., :3].astype(float), large[..., 3:] / 255
+        flat = Picture.fromarray((rgb * opacity + GROUND * (1 - opacity)).round().astype(np.uint8))
+        return np.asarray(flat.resize((width, height), Picture.Resampling.BOX))
+
+
+def serve(viewer: Viewer, contents: Contents, settings: Settings) -> None:
+    """Keeps the viewer open until Ctrl-C."""
+    with Show(contents, settings, viewer.host, viewer.port) as show:
+        log.info("%s: open %s in a browser; Ctrl-C ends", contents.title, show.stage.url)
+        try:
+            while True:
+                time.sleep(3600)
+        except KeyboardInterrupt:
+            log.info("ended")
+
+
+def take_picture(viewer: Viewer, contents: Contents, settings: Settings) -> None:
+    """Writes the PNG file that `viewer.screenshot` names."""
+    assert viewer.screenshot is not None
+    with (
+        Show(contents, settings, viewer.host, viewer.port) as show,
+        Browser(show.stage.url, viewer.browser, viewer.size if viewer.panel else SMALL) as browser,
+    ):
+        width, height = viewer.size
+        if viewer.panel:
+            show.picture(*SMALL)  # Comes when everything has arrived in the browser.
+            image = browser.screenshot()
+        else:
+            image = show.picture(width, height)
+    viewer.screenshot.parent.mkdir(parents=True, exist_ok=True)
+    Picture.fromarray(image).save(viewer.screenshot, optimize=True)
