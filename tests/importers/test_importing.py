@@ -1,4 +1,4 @@
-"""What comes in from other formats is the scene that was written in them, or an error that names the mistake."""
+"""What comes in from other formats is the scene that was written in them, or an error with its name."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ def test_imperfect_grids_stay_in_range_and_near_the_truth():
 
 
 def test_the_table_is_held_where_it_is_seen():
-    """A plane SDF at the right height costs nothing, one that has sunk by 6 mm costs 0.2; objects' rays do not."""
+    """A plane at the right height costs nothing, one sunk by 6 mm costs 0.2; an object says nothing of it."""
     workspace = Workspace()
     heights = torch.from_numpy(workspace.voxel_centres()[..., 2]).float() - workspace.table_height
     origins = torch.tensor([[0.15, 0.15, 0.6]]).expand(4, 3)

@@ -25,7 +25,7 @@ UNCHANGED = 0.05
 CHROMA = 0.15
 """Change of one colour's logarithm against the mean of the three: shadows and lamps stay below."""
 REACH = 20
-"""Pixels: gaps up to twice as wide between weak signs of an object may be clear glass before a plain table."""
+"""Pixels: gaps up to twice as wide between weak signs of an object may be clear glass on a plain table."""
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ class TrainConfig:
     """How the learning rate falls over each stage: halved six times (the paper: every 50k of 300k steps), or
     along a half cosine after 50 steps of warming up."""
     average: float = 0.0
-    """Decay per step of the moving average of the weights, which is what is validated and shipped; 0: none."""
+    """Decay per step of the moving average of the weights, which is validated and shipped; 0: none."""
     rays: int = 2304
     """Rays of the target view per step."""
     carving_rays: int = 512

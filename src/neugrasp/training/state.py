@@ -6,6 +6,7 @@ import json
 import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import cast
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -44,8 +45,7 @@ class Learner:
     @property
     def smooth(self) -> NeuGrasp:
         """The network with averaged weights."""
-        network: NeuGrasp = self.average.module
-        return network
+        return cast(NeuGrasp, self.average.module)
 
 
 def save_state(folder: Path, learner: Learner, step: int, config: TrainConfig) -> None:
