@@ -26,7 +26,7 @@ from .conftest import Capture
 
 WINDOW = (760, 420)
 PICTURE = (320, 200)
-PATIENCE = 120
+PATIENCE = 300
 
 
 def missing() -> str:
@@ -42,7 +42,7 @@ def missing() -> str:
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.timeout(900),
+    pytest.mark.timeout(1800),
     pytest.mark.skipif(bool(missing()), reason=missing()),
     pytest.mark.filterwarnings("ignore::DeprecationWarning:websockets.*"),
     pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),

@@ -22,7 +22,7 @@ from neugrasp.errors import InputError, NeuGraspError, require
 from neugrasp.views import Image
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
-PATIENCE = 120.0
+PATIENCE = 300.0
 """Seconds that it may take to start or to answer."""
 WITHOUT_NOTICES = """
 document.querySelectorAll("[class*=Notification-root]").forEach(e => { e.style.display = "none" })

@@ -19,8 +19,9 @@ from neugrasp.viewer.glb import glb
 from neugrasp.viewer.nodes import AxesNode, LinesNode, MeshNode, Node, PictureNode
 from neugrasp.viewer.viewpoint import Viewpoint
 
-PATIENCE = 180.0
-"""Seconds that a browser may take to open the page, or to draw it."""
+PATIENCE = 300.0
+"""Seconds that a browser may take to open the page, or to draw it. On an idle machine without a graphics card
+it is some ten and one; on a busy one it can be minutes."""
 
 SHADOW = 0.3
 """How dark shadows are."""
