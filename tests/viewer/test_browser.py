@@ -19,7 +19,7 @@ from neugrasp.viewer.browser import Browser, find_browser
 from neugrasp.viewer.contents import Contents
 from neugrasp.viewer.drawing import grasps_of
 from neugrasp.viewer.settings import Settings
-from neugrasp.viewer.show import Show
+from neugrasp.viewer.show import PAGE_ASPECT, Show
 from neugrasp.viewer.viewpoint import viewpoint
 
 from .conftest import Capture
@@ -51,7 +51,7 @@ pytestmark = [
 
 @pytest.fixture(scope="module")
 def shown(contents: Contents) -> Iterator[tuple[Show, Browser]]:
-    settings = Settings.for_contents(contents)
+    settings = Settings().suited_to(contents)
     with Show(contents, settings, port=8290) as show, Browser(show.stage.url, size=WINDOW) as browser:
         show.stage.wait_for_visitor()
         browser.settle()
@@ -60,7 +60,7 @@ def shown(contents: Contents) -> Iterator[tuple[Show, Browser]]:
 
 @pytest.fixture
 def show(shown: tuple[Show, Browser], contents: Contents) -> Show:
-    shown[0].update(Settings.for_contents(contents))
+    shown[0].update(Settings().suited_to(contents))
     return shown[0]
 
 
@@ -110,20 +110,20 @@ def test_a_photo_is_drawn_at_its_camera(show: Show, contents: Contents):
     show.update(replace(show.settings, shows_cameras=False))
     changed = np.abs(with_photos - show.picture(*PICTURE)).max(axis=-1) > 40
     for view in contents.views:
-        column, row = pixel_of(contents, view.camera.centre, PICTURE)
+        column, row = pixel_of(contents, view.camera.centre, PICTURE, 1.6)
         around = changed[max(0, row - 6) : row + 7, max(0, column - 6) : column + 7]
         assert around.any()
     assert not changed[int(0.75 * PICTURE[1]) :].any()
 
 
 def test_a_click_on_a_gripper_selects_it(shown: tuple[Show, Browser], show: Show, contents: Contents):
-    show.update(replace(show.settings, most=1))
+    show.update(replace(show.settings, most=1, hand="whole hand"))
     show.picture(*PICTURE)
     node = grasps_of(contents, show.settings)[0]
     spot = node.surface.vertices.mean(axis=0)
     assert shown[1].screenshot().shape == (WINDOW[1], WINDOW[0], 3)
-    shown[1].click(*pixel_of(contents, spot, WINDOW))
-    assert until(lambda: show.settings.selected == 0)
+    shown[1].click(*pixel_of(contents, spot, WINDOW, PAGE_ASPECT))
+    assert until(lambda: show.settings.selected is contents.moments[0].grasps[0])
     assert until(lambda: "selected" in show.stage.names)
     assert "0.950" in show.panel.words
     assert "60 mm" in show.panel.words
@@ -151,9 +151,9 @@ def test_the_command_writes_a_picture(kept_capture: Capture, tmp_path: Path):
     assert green(pixels) > 200
 
 
-def pixel_of(contents: Contents, spot: np.ndarray, size: tuple[int, int]) -> tuple[int, int]:
+def pixel_of(contents: Contents, spot: np.ndarray, size: tuple[int, int], aspect: float) -> tuple[int, int]:
     """Column and row at which the first look shows a place of the workspace."""
-    eye = viewpoint(contents)
+    eye = viewpoint(contents, aspect)
     x, y, z = apply(inverse(eye.pose()), spot)
     focal = size[1] / 2 / np.tan(eye.field_of_view / 2)
     return round(size[0] / 2 + focal * x / z), round(size[1] / 2 + focal * y / z)

@@ -42,7 +42,7 @@ def test_contents_come_without_the_viewers_library(kept_capture: Capture):
         "from neugrasp.viewer.command import Viewer\nfrom neugrasp.viewer.opening import open_contents\n"
         "from neugrasp.viewer.drawing import nodes_of\nfrom neugrasp.viewer.settings import Settings\n"
         f"contents = open_contents(Viewer(Path({str(kept_capture.prediction)!r})))\n"
-        "assert len(nodes_of(contents, Settings.for_contents(contents))) > 10\n"
+        "assert len(nodes_of(contents, Settings().suited_to(contents))) > 10\n"
         "import neugrasp.viewer.show\n"
         "assert 'viser' not in sys.modules and 'websockets' not in sys.modules"
     )

@@ -122,7 +122,7 @@ def test_pads_are_as_far_apart_as_the_grasp_is_wide(name: str, opening: float):
 
 
 def test_threshold_and_number_choose_the_best_grasps(contents: Contents):
-    settings = Settings.for_contents(contents)
+    settings = Settings().suited_to(contents)
 
     def drawn(**changes: object) -> list[float]:
         nodes = grasps_of(contents, replace(settings, **changes))  # type: ignore[arg-type]
@@ -138,7 +138,7 @@ def test_threshold_and_number_choose_the_best_grasps(contents: Contents):
 
 
 def test_a_hand_is_drawn_where_its_grasp_is(contents: Contents):
-    node = grasps_of(contents, Settings.for_contents(contents))[1]
+    node = grasps_of(contents, replace(Settings().suited_to(contents), hand="whole hand"))[1]
     expected = hand_mesh(contents.gripper, 2 * RADIUS).moved(ball_grasps()[1].pose)
     assert np.allclose(node.surface.vertices, expected.vertices, atol=1e-6)
 
@@ -162,17 +162,18 @@ def test_a_click_says_score_width_and_place_in_the_users_world(contents: Content
 
 
 def test_what_did_not_change_is_not_sent_again(contents: Contents):
-    settings = Settings.for_contents(contents)
+    settings = Settings().suited_to(contents)
     before = {node.name: node for node in nodes_of(contents, settings)}
     assert len(before) == len(nodes_of(contents, settings))
-    after = {node.name: node for node in nodes_of(contents, replace(settings, threshold=0.7, selected=0))}
+    chosen = replace(settings, threshold=0.7, selected=contents.moments[0].grasps[0])
+    after = {node.name: node for node in nodes_of(contents, chosen)}
     changed = {name for name in before if after.get(name) is not before[name]}
     assert changed == {"grasps/000", "grasps/002"}
     assert set(after) - set(before) == {"selected"}
 
 
 def test_everything_can_be_hidden(contents: Contents):
-    settings = Settings.for_contents(contents)
+    settings = Settings().suited_to(contents)
     hidden = {name: False for name in vars(settings) if name.startswith("shows_")}
     assert nodes_of(contents, replace(settings, most=0, **hidden)) == ()  # type: ignore[arg-type]
 
@@ -183,7 +184,7 @@ def test_a_slice_lies_where_its_voxels_are(contents: Contents, axis: int):
     spots = {"ball": BALL, "air": BALL + 0.06, "table": np.array([0.25, 0.05, 0.02])}
     for name, spot in spots.items():
         index = int(workspace.index_of(spot)[axis])
-        settings = replace(Settings.for_contents(contents), slice_axis="xyz"[axis], slice_index=index)
+        settings = replace(Settings().suited_to(contents), slice_axis="xyz"[axis], slice_index=index)
         node = named(nodes_of(contents, settings), "slice")
         assert isinstance(node, PictureNode)
         assert np.allclose(np.linalg.det(node.pose[:3, :3]), 1)
@@ -196,7 +197,7 @@ def test_a_slice_lies_where_its_voxels_are(contents: Contents, axis: int):
 
 
 def test_a_photo_lies_on_the_lines_of_sight_of_its_pixels(contents: Contents):
-    nodes = nodes_of(contents, Settings.for_contents(contents))
+    nodes = nodes_of(contents, Settings().suited_to(contents))
     for i, view in enumerate(contents.views):
         node = named(nodes, f"cameras/{i}/photo")
         assert isinstance(node, PictureNode)
@@ -214,7 +215,7 @@ def test_a_photo_lies_on_the_lines_of_sight_of_its_pixels(contents: Contents):
 
 
 def test_the_tabletop_shows_the_squares_of_the_table_where_they_are(contents: Contents):
-    node = named(nodes_of(contents, Settings.for_contents(contents)), "table")
+    node = named(nodes_of(contents, Settings().suited_to(contents)), "table")
     assert isinstance(node, PictureNode)
     correct = 0
     spots = [(0.045 + 0.03 * i, 0.045 + 0.03 * j) for i in range(7) for j in range(7)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,11 +20,13 @@ from neugrasp.gripper import Gripper
 from neugrasp.simulation.scene import Body, Scene
 from neugrasp.viewer.command import Viewer
 from neugrasp.viewer.contents import Contents
+from neugrasp.viewer.drawing import nodes_of
+from neugrasp.viewer.nodes import MeshNode
 from neugrasp.viewer.opening import open_contents
 from neugrasp.viewer.settings import Settings
 from rounds_by_hand import attempt, played
 
-from .conftest import BALL, SCORES, Capture, moved_views
+from .conftest import BALL, RADIUS, SCORES, Capture, moved_views
 
 
 def opened(path: Path, **options: object) -> Contents:
@@ -79,6 +81,23 @@ def test_a_record_brings_its_truth_with_grasps_at_the_tcp(tmp_path: Path):
     for candidate, point in zip(truth.grasps, record.labels.points, strict=False):
         # The hand comes from above: the TCP lies below the grasp point.
         assert np.allclose(candidate.grasp.position, point - (0, 0, gripper.tcp_depth), atol=1e-6)
+
+
+def test_the_truth_is_drawn_when_it_is_asked_for(tmp_path: Path):
+    write_record(tmp_path / "record", ball_record(size=64))
+    contents = opened(tmp_path / "record")
+    settings = Settings().suited_to(contents)
+    asked = replace(settings, shows_truth=True, shows_true_grasps=True, most=4)
+    added = {n.name: n for n in nodes_of(contents, asked)}
+    assert not {node.name for node in nodes_of(contents, settings)} - set(added)
+    assert {name for name in added if name.startswith("truth")} == {
+        "truth/surface",
+        *(f"truth/grasps/{i:03d}" for i in (0, 6, 13, 19)),
+    }
+    surface = added["truth/surface"]
+    assert isinstance(surface, MeshNode)
+    free = surface.surface.vertices[surface.surface.vertices[:, 2] > 0.062]
+    assert np.abs(np.linalg.norm(free - BALL, axis=-1) - RADIUS).max() < 0.002
 
 
 @pytest.fixture
@@ -148,4 +167,4 @@ def test_a_round_or_a_moment_that_does_not_exist(evaluation: Path):
     with pytest.raises(InputError, match=r"000007.json: cannot be read"):
         opened(evaluation, round=7)
     with pytest.raises(InputError, match="has moments 0 to 2"):
-        Settings.for_contents(opened(evaluation, round=3), moment=3)
+        Settings(moment=3).suited_to(opened(evaluation, round=3))

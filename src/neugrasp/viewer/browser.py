@@ -56,6 +56,11 @@ class Browser:
             "--headless=new",
             "--use-angle=swiftshader",
             "--enable-unsafe-swiftshader",
+            # On a busy machine a frame may take long; that is no reason to end the process that draws it.
+            "--disable-gpu-watchdog",
+            "--disable-hang-monitor",
+            "--disable-renderer-backgrounding",
+            "--disable-backgrounding-occluded-windows",
             "--hide-scrollbars",
             "--no-first-run",
             "--remote-debugging-port=0",

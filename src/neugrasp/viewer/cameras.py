@@ -13,7 +13,7 @@ from neugrasp.viewer.contents import Colour, Contents
 from neugrasp.viewer.nodes import LinesNode, Node, PictureNode
 from neugrasp.views import Image, View
 
-SIDE = 0.1
+SIDE = 0.108
 """Metres of the longer side of a photo, as drawn."""
 COLOUR: Colour = (60, 66, 78)
 THICKNESS = 0.0015

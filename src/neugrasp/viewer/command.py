@@ -26,12 +26,16 @@ class Viewer:
     """The gripper to draw: a name of a bundled one, or a file; by default the one that was used."""
     screenshot: Path | None = None
     """Write one picture to this PNG file, with a browser without a window, and end."""
-    size: tuple[int, int] = (1600, 1000)
+    size: tuple[int, int] = (1280, 960)
     """Width and height of the picture, pixels."""
     panel: bool = False
     """The picture shows the page with its controls, not the scene alone."""
     colour: Literal["photos", "confidence", "views", "plain"] = "photos"
     """What colours the surface."""
+    grasps: int = 5
+    """How many grasps are drawn at first, the best ones."""
+    hand: Literal["fingers", "whole", "lines"] = "fingers"
+    """What is drawn of the gripper at first."""
     truth: bool = False
     """Begin with the ground truth shown, where there is one."""
     moment: int = 0
@@ -50,7 +54,13 @@ class Viewer:
         from neugrasp.viewer.show import serve, take_picture
 
         contents = open_contents(self)
-        settings = Settings.for_contents(contents, self.colour, self.truth, self.moment)
+        settings = Settings(
+            moment=self.moment,
+            colouring=self.colour,
+            shows_truth=self.truth,
+            most=self.grasps,
+            hand="whole hand" if self.hand == "whole" else self.hand,
+        ).suited_to(contents)
         if self.screenshot is not None:
             take_picture(self, contents, settings)
             return str(self.screenshot)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 
@@ -10,10 +11,12 @@ from numpy.typing import NDArray
 from PIL import Image as Picture
 
 from neugrasp.geometry.pose import Array, rigid
+from neugrasp.geometry.surface import Surface
+from neugrasp.gripper import Gripper
 from neugrasp.pictures.slices import slice_picture
 from neugrasp.viewer.cameras import cameras
 from neugrasp.viewer.contents import Candidate, Colour, Contents, Grid, Moment
-from neugrasp.viewer.hand_meshes import bar_mesh, hand_mesh
+from neugrasp.viewer.hand_meshes import bar_mesh, finger_mesh, hand_mesh
 from neugrasp.viewer.nodes import AxesNode, LinesNode, MeshNode, Node, PictureNode
 from neugrasp.viewer.painting import (
     Field,
@@ -38,6 +41,13 @@ LOWEST = 0.5
 SLICE_PIXELS = 320
 
 
+HAND_MESHES: dict[Hand, Callable[[Gripper, float], Surface]] = {
+    "whole hand": hand_mesh,
+    "fingers": finger_mesh,
+    "lines": bar_mesh,
+}
+
+
 def nodes_of(contents: Contents, settings: Settings) -> tuple[Node, ...]:
     """Everything that is to be drawn, names unique."""
     moment = contents.moment(settings.moment)
@@ -54,8 +64,8 @@ def nodes_of(contents: Contents, settings: Settings) -> tuple[Node, ...]:
     if settings.shows_truth:
         nodes += _truth(contents)
     if settings.shows_true_grasps:
-        nodes += _hands(contents, contents.truth.grasps, settings.hand, "truth/grasps")[: settings.most]
-    chosen = selected(contents, settings)
+        nodes += true_grasps_of(contents, settings)
+    chosen = settings.selected
     nodes += [
         _seen_through(node) if node.candidate is chosen else node for node in grasps_of(contents, settings)
     ]
@@ -74,11 +84,11 @@ def grasps_of(contents: Contents, settings: Settings) -> tuple[MeshNode, ...]:
     return tuple(passed[: settings.most])
 
 
-def selected(contents: Contents, settings: Settings) -> Candidate | None:
-    """The grasp that was clicked, where there is one."""
-    grasps = contents.moment(settings.moment).grasps
-    number = settings.selected
-    return grasps[number] if number is not None and number < len(grasps) else None
+def true_grasps_of(contents: Contents, settings: Settings) -> tuple[MeshNode, ...]:
+    """As many of the grasps that held as wanted, spread over all of them."""
+    hands = _hands(contents, contents.truth.grasps, settings.hand, "truth/grasps")
+    chosen = np.linspace(0, len(hands) - 1, min(settings.most, len(hands))).round().astype(int)
+    return tuple(hands[i] for i in chosen)
 
 
 def colour_of(candidate: Candidate) -> Colour:
@@ -180,10 +190,7 @@ def _hands(
     nodes = []
     for number, candidate in enumerate(candidates):
         width = min(candidate.grasp.width, contents.gripper.max_opening)
-        if hand == "lines":
-            mesh = bar_mesh(contents.gripper, width)
-        else:
-            mesh = hand_mesh(contents.gripper, width, has_palm=hand == "whole hand")
+        mesh = HAND_MESHES[hand](contents.gripper, width)
         colour = TRUE if folder.startswith("truth") else colour_of(candidate)
         nodes.append(
             MeshNode(f"{folder}/{number:03d}", mesh.moved(candidate.grasp.pose), colour, 1.0, True, candidate)

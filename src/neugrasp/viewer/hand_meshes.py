@@ -28,6 +28,11 @@ def hand_mesh(gripper: Gripper, opening: float, has_palm: bool = True) -> Surfac
     return hand.moved(rigid(translation=(0, 0, -gripper.tcp_height)))
 
 
+def finger_mesh(gripper: Gripper, opening: float) -> Surface:
+    """The fingers on thin bars instead of the palm, in the grasp frame: what they hold stays in sight."""
+    return joined([hand_mesh(gripper, opening, has_palm=False), bar_mesh(gripper, opening)])
+
+
 def bar_mesh(gripper: Gripper, opening: float) -> Surface:
     """The wireframe of the gripper as thin bars, in the grasp frame."""
     bars = []

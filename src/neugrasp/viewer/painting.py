@@ -18,12 +18,14 @@ FINER = 2
 """Points of the drawn grid per voxel and axis."""
 TABLE_TOLERANCE = 0.006
 """Metres above the table up to which a surface counts as table."""
-UNSEEN = np.array([168.0, 170.0, 174.0])
+UNSEEN = np.array([118.0, 120.0, 126.0])
 """Of what no photo shows."""
 RAMP = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]])
 """From 0 to 1: viridis."""
 GRAZING = 0.15
 """Cosine below which a photo does not count: at its outline a surface takes colours from what lies behind."""
+ENOUGH = 0.01
+"""Sum of visibilities from which a colour is believed; below, it fades to grey."""
 STEPS = 40
 """Points of a line of sight at which the grid is asked whether it is free."""
 
@@ -98,7 +100,8 @@ def by_photos(surface: Surface, field: Field, views: Sequence[View]) -> NDArray[
         seen = [map_coordinates(view.image[..., c].astype(float), places, order=1) for c in range(3)]
         colours += weight[:, None] * np.stack(seen, axis=-1)
     shown = colours / np.maximum(total, 1e-9)[:, None]
-    return np.where(total[:, None] > 0, shown, UNSEEN).round().clip(0, 255).astype(np.uint8)
+    trust = (total / ENOUGH).clip(0, 1)[:, None]
+    return (trust * shown + (1 - trust) * UNSEEN).round().clip(0, 255).astype(np.uint8)
 
 
 def by_confidence(surface: Surface, field: Field) -> NDArray[np.uint8]:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from neugrasp.viewer.contents import Contents
-from neugrasp.viewer.drawing import describe, grasps_of, selected
-from neugrasp.viewer.settings import AXES, COLOURINGS, HANDS, Settings, scores
+from neugrasp.viewer.drawing import describe, grasps_of
+from neugrasp.viewer.settings import AXES, COLOURINGS, HANDS, Settings, most_grasps, scores
 
 CLICK = "*Click on a gripper for its score, width and frame.*"
 
@@ -29,8 +29,7 @@ class Panel:
         self._said: Any = None
         self._caption = gui.add_markdown("")
         has_grid = any(moment.tsdf is not None for moment in contents.moments)
-        has_grasps = any(moment.grasps for moment in contents.moments)
-        if has_grasps:
+        if most_grasps(contents):
             self._grasps()
         if has_grid:
             self._surface()
@@ -46,7 +45,7 @@ class Panel:
         count = f"  \n{shown} of {len(moment.grasps)} grasps drawn" if moment.grasps else ""
         self._caption.content = moment.caption + count
         if self._said is not None:
-            chosen = selected(contents, settings)
+            chosen = settings.selected
             self._said.content = describe(contents, chosen) if chosen else CLICK
 
     @property
@@ -71,10 +70,9 @@ class Panel:
 
     def _grasps(self) -> None:
         gui, now = self._gui, self._settings
-        known = scores(self._contents)
-        most = max(len(moment.grasps) for moment in self._contents.moments)
+        most = most_grasps(self._contents)
         with gui.add_folder("Grasps"):
-            low = float(np.floor(known.min() * 100) / 100)
+            low = float(np.floor(min(scores(self._contents), default=1.0) * 100) / 100)
             if low < 1:
                 self._add(
                     "threshold", gui.add_slider("least score", low, 1.0, 0.005, max(low, now.threshold))

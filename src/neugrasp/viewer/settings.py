@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from neugrasp.pictures.slices import busiest_slice
-from neugrasp.viewer.contents import Contents
+from neugrasp.viewer.contents import Candidate, Contents
 
 Colouring = Literal["photos", "confidence", "views", "plain"]
 Hand = Literal["whole hand", "fingers", "lines"]
 COLOURINGS: tuple[Colouring, ...] = ("photos", "confidence", "views", "plain")
-HANDS: tuple[Hand, ...] = ("whole hand", "fingers", "lines")
+HANDS: tuple[Hand, ...] = ("fingers", "whole hand", "lines")
 AXES = ("none", "x", "y", "z")
 """Axes along which a slice is looked at."""
 
@@ -34,30 +34,34 @@ class Settings:
     colouring: Colouring = "photos"
     threshold: float = 0.0
     """Grasps of a lower score are not drawn."""
-    most: int = 3
+    most: int = 5
     """How many grasps are drawn, the best ones."""
-    hand: Hand = "whole hand"
+    hand: Hand = "fingers"
     slice_axis: str = "none"
     slice_index: int = 0
-    selected: int | None = None
-    """The number of the grasp that was clicked."""
+    selected: Candidate | None = None
+    """The grasp that was clicked."""
 
-    @classmethod
-    def for_contents(
-        cls, contents: Contents, colouring: Colouring = "photos", shows_truth: bool = False, moment: int = 0
-    ) -> Settings:
-        """The state to begin with. Raises `InputError` where there is no such moment."""
-        tsdf = contents.moment(moment).tsdf
-        return cls(
-            moment=moment,
-            colouring=colouring if contents.has_photos or colouring == "confidence" else "plain",
-            shows_truth=shows_truth,
-            slice_index=contents.workspace.resolution // 2
-            if tsdf is None
-            else busiest_slice(tsdf, contents.workspace),
+    def suited_to(self, contents: Contents) -> Settings:
+        """The state to begin with: colours that there can be, and the slice that cuts most matter.
+
+        Raises `InputError` where there is no such moment.
+        """
+        tsdf = contents.moment(self.moment).tsdf
+        needs_photos = self.colouring in ("photos", "views")
+        index = contents.workspace.resolution // 2
+        return replace(
+            self,
+            colouring="plain" if needs_photos and not contents.has_photos else self.colouring,
+            slice_index=index if tsdf is None else busiest_slice(tsdf, contents.workspace),
         )
 
 
 def scores(contents: Contents) -> np.ndarray:
-    """The scores of all grasps of all moments."""
+    """The scores of all predicted grasps of all moments."""
     return np.array([c.grasp.score for moment in contents.moments for c in moment.grasps])
+
+
+def most_grasps(contents: Contents) -> int:
+    """The greatest number of grasps that there are to draw at once."""
+    return max(len(contents.truth.grasps), *(len(moment.grasps) for moment in contents.moments))

@@ -23,6 +23,8 @@ from neugrasp.views import Image
 log = logging.getLogger(__name__)
 SMALL = (480, 300)
 """Of the browser's window where only the scene is wanted: it draws that all the time, besides."""
+PAGE_ASPECT = 1.15
+"""Of the part of the page in which the scene is at first: the panel covers a strip on the right."""
 OVERSAMPLING = 2
 GROUND = np.array([255, 255, 255])
 
@@ -34,7 +36,7 @@ class Show:
         self.contents, self.settings = contents, settings
         self._lock = threading.Lock()
         self.stage = Stage(host, port, contents.title)
-        self.stage.stand_at(viewpoint(contents))
+        self.stage.stand_at(viewpoint(contents, PAGE_ASPECT))
         self.panel = Panel(self.stage.gui, contents, settings, self.update)
         self.update(settings)
 
@@ -53,14 +55,13 @@ class Show:
 
     def click(self, candidate: Candidate) -> None:
         """Shows what there is to say of a grasp; of the same one again, nothing."""
-        grasps = self.contents.moment(self.settings.moment).grasps
-        number = grasps.index(candidate) if candidate in grasps else None
-        again = number == self.settings.selected
-        self.update(replace(self.settings, selected=None if again else number))
+        again = candidate is self.settings.selected
+        self.update(replace(self.settings, selected=None if again else candidate))
 
     def picture(self, width: int, height: int) -> Image:
         """RGB (height, width, 3) of what the first visitor sees, on white."""
-        large = self.stage.picture(viewpoint(self.contents), OVERSAMPLING * width, OVERSAMPLING * height)
+        eye = viewpoint(self.contents, width / height)
+        large = self.stage.picture(eye, OVERSAMPLING * width, OVERSAMPLING * height)
         rgb, opacity = large[..., :3].astype(float), large[..., 3:] / 255
         flat = Picture.fromarray((rgb * opacity + GROUND * (1 - opacity)).round().astype(np.uint8))
         return np.asarray(flat.resize((width, height), Picture.Resampling.BOX))

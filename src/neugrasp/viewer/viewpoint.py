@@ -14,9 +14,7 @@ from neugrasp.viewer.tabletop import edge
 BESIDE = float(np.deg2rad(50))
 """Azimuth from the middle of the cameras: their photos are seen, and do not hide the table."""
 POLAR = float(np.deg2rad(60))
-ASPECT = 1.6
-"""Width by height of the picture that everything fits into."""
-FILLED = 0.92
+FILLED = 0.95
 """The part of the picture that is filled, along the tighter side."""
 TURNS = 20
 """Improvements of the eye's place; it settles after a few."""
@@ -36,8 +34,9 @@ class Viewpoint:
         return look_at(self.eye, self.target)
 
 
-def viewpoint(contents: Contents) -> Viewpoint:
-    """Beside the cameras, so near that cube and cameras just fit."""
+def viewpoint(contents: Contents, aspect: float = 1.6) -> Viewpoint:
+    """Beside the cameras, so near that cube and cameras just fit into a picture `aspect` times as wide as
+    high."""
     workspace = contents.workspace
     offset = np.zeros(3)
     if contents.views:
@@ -48,7 +47,7 @@ def viewpoint(contents: Contents) -> Viewpoint:
     )
     target, distance, points = workspace.centre, 1.5, landmarks(contents)
     for _ in range(TURNS):
-        target, distance = _improved(points, target, direction, distance)
+        target, distance = _improved(points, target, direction, distance, aspect)
     return Viewpoint(_triple(target + distance * direction), _triple(target))
 
 
@@ -64,7 +63,9 @@ def landmarks(contents: Contents) -> Array:
     return np.concatenate(points)
 
 
-def _improved(points: Array, target: Array, direction: Array, distance: float) -> tuple[Array, float]:
+def _improved(
+    points: Array, target: Array, direction: Array, distance: float, aspect: float
+) -> tuple[Array, float]:
     """A target in the middle of what is seen, and a distance at which it fills the picture."""
     eye = Viewpoint(_triple(target + distance * direction), _triple(target))
     pose = eye.pose()
@@ -72,7 +73,7 @@ def _improved(points: Array, target: Array, direction: Array, distance: float) -
     slopes = seen[:, :2] / np.maximum(seen[:, 2:], 0.05)
     low, high = slopes.min(axis=0), slopes.max(axis=0)
     target = target + pose[:3, :2] @ ((low + high) / 2 * distance)
-    half = np.tan(eye.field_of_view / 2) * np.array([ASPECT, 1.0])
+    half = np.tan(eye.field_of_view / 2) * np.array([aspect, 1.0])
     return target, distance * float(np.max((high - low) / 2 / half)) / FILLED
 
 
