@@ -21,7 +21,7 @@ from neugrasp.data.records import Record, read_record, write_record
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]
 
-KILLS = 10
+KILLS = 20
 UNRECORDED = (".lock", ".lock-workers", "timing.json")
 
 Start = Callable[[Path], BaseProcess]
