@@ -43,7 +43,7 @@ demo: $(VENV)/core
 
 test: $(VENV)/all
 	@LD_LIBRARY_PATH="$(CURDIR)/$(VENV)/libraries$${LD_LIBRARY_PATH:+:$$LD_LIBRARY_PATH}" \
-	  $(BIN)/python -m pytest -m "not gpu and not robot"
+	  OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "not gpu and not robot" -n 2 --dist worksteal
 
 check: $(VENV)/all
 	@$(BIN)/ruff check --quiet .

@@ -113,7 +113,7 @@ def test_make_a_scene(run: Run, kind: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.blender
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(600)
 def test_render_glass(run: Run, tmp_path: Path) -> None:
     run("03", "--size", 64)
     assert varied(tmp_path / "outputs/glass/photos.png")

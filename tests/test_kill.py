@@ -19,7 +19,7 @@ from safetensors.torch import load_file
 import interruptible
 from neugrasp.data.records import Record, read_record, write_record
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1200)]
 
 KILLS = 20
 UNRECORDED = (".lock", ".lock-workers", "timing.json")
