@@ -18,7 +18,7 @@ TABLES = {"simulation/blender_materials.py", "simulation/materials.py"}
 
 LAYERS = [
     {"errors"},
-    {"geometry"},
+    {"geometry", "long_runs"},
     {"views", "grasp", "gripper"},
     {"metrics", "pictures"},
     {"model", "simulation", "data"},

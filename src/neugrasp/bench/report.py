@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import statistics
-import subprocess
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from neugrasp.bench.measure import Comparison, Inference, Measurement, Series, T
 from neugrasp.bench.recorder import Cost
 from neugrasp.bench.stages import OTHER
 from neugrasp.errors import NeuGraspError
+from neugrasp.long_runs import source_commit
 
 FORMAT, VERSION = "neugrasp-bench", 1
 ORDER = (
@@ -51,7 +51,7 @@ def summary(found: Measurement) -> dict[str, Any]:
         report["files_to_grasps_s"] = report["photos_to_grasps_s"] + _median(found.inference.loading)
     if found.training:
         report |= _headline("training_step", found.training.stages)
-    report["commit"] = _commit()
+    report["commit"] = source_commit()
     report |= {name: getattr(settings, name) for name in ("network", "views", "precision", "seed")}
     report["machine"] = _machine(found.machine, found.rates)
     if found.inference:
@@ -246,12 +246,3 @@ def _milli(seconds: float | None) -> str:
 
 def _times(ratio: float | None) -> str:
     return "" if ratio is None else f"{ratio:,.1f}"
-
-
-def _commit() -> str:
-    """The commit of the source tree this runs from, or "unknown" outside of one."""
-    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]
-    try:
-        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown"

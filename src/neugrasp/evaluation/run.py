@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import logging
 import platform
-import subprocess
 import time
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.contestants import weights_facts
 from neugrasp.evaluation.episode import CRASHED, Episode, attempt_line, read_episode, write_episode
@@ -25,6 +22,7 @@ from neugrasp.evaluation.scores import scores
 from neugrasp.evaluation.workers import MakePhotographer, play_all
 from neugrasp.geometry.view_sets import VIEW_SETS
 from neugrasp.gripper import Gripper
+from neugrasp.long_runs import begun_as, held, source_commit
 from neugrasp.metrics import wilson_interval
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.renderer import Renderer
@@ -41,8 +39,8 @@ def evaluate(config: Evaluate, make_photographer: MakePhotographer | None = None
     holds another evaluation, `NeuGraspError` where the disk refuses or a worker was killed.
     """
     facts, wanted = _checked(config)
-    with _only_one(config.out):
-        _describe(config.out, facts)
+    with held(config.out, "evaluate"):
+        begun_as(config.out / "run.json", facts, "evaluation")
         files = [_file(config.out, index) for index in range(wanted)]
         found = [read_episode(path) for path in files if path.is_file()]
         kept = {episode.index for episode in found if episode.ending != CRASHED}
@@ -100,41 +98,6 @@ def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
     return facts, num_rounds(config.scene, choices, config.rounds)
 
 
-def _describe(out: Path, facts: dict[str, Any]) -> None:
-    """Writes run.json, or checks that the one that is there says the same."""
-    path = out / "run.json"
-    if not path.exists():
-        temporary = path.with_name(".run.json.tmp")
-        temporary.write_text(json.dumps(facts, indent=1) + "\n")
-        temporary.replace(path)
-        return
-    try:
-        found = json.loads(path.read_text())
-    except json.JSONDecodeError as error:
-        raise InputError(f"{path}: not valid JSON ({error}); choose another --out") from error
-    for key in {**facts, **found}:
-        if found.get(key) != facts.get(key):
-            raise InputError(
-                f"{path}: this evaluation was made with {key} = {found.get(key)!r}, not {facts.get(key)!r}; "
-                "give the same options to go on with it, or another --out"
-            )
-
-
-@contextmanager
-def _only_one(out: Path) -> Iterator[None]:
-    """Holds `out` for this process."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        with (out / ".lock").open("w") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                raise InputError(f"{out}: another neugrasp evaluate is writing here; wait for it") from error
-            yield
-    except OSError as error:
-        raise NeuGraspError(f"{out}: cannot be written ({error.strerror})") from error
-
-
 @dataclass
 class _Progress:
     """What is done, how well and how fast."""
@@ -178,7 +141,7 @@ def _write(config: Evaluate, facts: dict[str, Any], episodes: list[Episode]) -> 
         **scores(episodes, protocol_of(config.protocol)),
         "rounds_sha256": hashlib.sha256(scenes.encode()).hexdigest(),
         "command": config.command(),
-        "commit": _commit(),
+        "commit": source_commit(),
         "machine": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
     }
     for name, text in (
@@ -189,12 +152,3 @@ def _write(config: Evaluate, facts: dict[str, Any], episodes: list[Episode]) -> 
         temporary.write_text(text, encoding="utf-8")
         temporary.replace(config.out / name)
     return metrics
-
-
-def _commit() -> str:
-    """The commit of the source tree this runs from, or "unknown" outside of one."""
-    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]
-    try:
-        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown"

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import threading
-import time
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -18,6 +16,7 @@ from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.evaluation.bench import Bench, needs_photographer
 from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.episode import Episode
+from neugrasp.long_runs import end_with
 from neugrasp.simulation.cell_photos import Photographer
 
 MakePhotographer = Callable[[int], AbstractContextManager[Photographer]]
@@ -79,7 +78,7 @@ _bench: list[Callable[[], Bench]] = []
 def _start(config: Evaluate, make_photographer: MakePhotographer, threads: int, parent: int) -> None:
     """Prepares a worker process; its bench is opened with the first round."""
     torch.set_num_threads(1)
-    threading.Thread(target=_die_with, args=(parent,), daemon=True).start()
+    end_with(parent)
     closing = ExitStack()
     Finalize(None, closing.close, exitpriority=10)
     opened: list[Bench] = []
@@ -90,13 +89,6 @@ def _start(config: Evaluate, make_photographer: MakePhotographer, threads: int, 
         return opened[0]
 
     _bench.append(bench)
-
-
-def _die_with(parent: int) -> None:
-    """Ends this process soon after its parent has gone."""
-    while os.getppid() == parent:
-        time.sleep(0.3)
-    os._exit(1)
 
 
 def _play(index: int) -> Episode:

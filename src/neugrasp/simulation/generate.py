@@ -9,7 +9,6 @@ import logging
 import multiprocessing
 import os
 import shutil
-import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -24,6 +23,7 @@ from pathlib import Path
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.geometry.view_sets import VIEW_SETS
 from neugrasp.gripper import Gripper
+from neugrasp.long_runs import begun_as, end_with, held
 from neugrasp.simulation.cell_photos import Photographer
 from neugrasp.simulation.objects import KINDS, SPLITS, ObjectLibrary
 from neugrasp.simulation.renderer import Renderer
@@ -99,39 +99,16 @@ def _describe(config: GenerateConfig, library: ObjectLibrary) -> None:
         "image_size": config.image_size,
         "seed": config.seed,
     }
-    path = config.out / "dataset.json"
-    if not path.exists():
-        temporary = path.with_name(".dataset.json.tmp")
-        temporary.write_text(json.dumps(description, indent=1) + "\n")
-        temporary.replace(path)
-        return
-    try:
-        found = json.loads(path.read_text())
-    except json.JSONDecodeError as error:
-        raise InputError(f"{path}: not valid JSON ({error}); choose another --out") from error
-    for key, value in description.items():
-        if found.get(key) != value:
-            raise InputError(
-                f"{path}: this data set was made with {key} = {found.get(key)!r}, not {value!r}; "
-                "give the same options to go on with it, or another --out"
-            )
+    begun_as(config.out / "dataset.json", description, "data set")
 
 
 @contextmanager
 def _only_one(out: Path) -> Iterator[None]:
     """Holds `out` for this process. Waits for workers that outlive a killed run by a moment."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        with (out / ".lock").open("w") as main, (out / ".lock-workers").open("w") as workers:
-            try:
-                fcntl.flock(main, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                raise InputError(f"{out}: another neugrasp generate is writing here; wait for it") from error
-            fcntl.flock(workers, fcntl.LOCK_EX)
-            fcntl.flock(workers, fcntl.LOCK_UN)
-            yield
-    except OSError as error:
-        raise NeuGraspError(f"{out}: cannot be written ({error.strerror})") from error
+    with held(out, "generate"), (out / ".lock-workers").open("w") as workers:
+        fcntl.flock(workers, fcntl.LOCK_EX)
+        fcntl.flock(workers, fcntl.LOCK_UN)
+        yield
 
 
 @dataclass
@@ -243,16 +220,9 @@ def _start_worker(
     worker = _Worker(config, make_photographer, threads, finished)
     lock = worker.closing.enter_context((config.out / ".lock-workers").open("w"))
     fcntl.flock(lock, fcntl.LOCK_SH)
-    threading.Thread(target=_die_with, args=(parent,), daemon=True).start()
+    end_with(parent)
     Finalize(None, worker.closing.close, exitpriority=10)
     _worker.append(worker)
-
-
-def _die_with(parent: int) -> None:
-    """Ends this process soon after its parent has gone."""
-    while os.getppid() == parent:
-        time.sleep(0.3)
-    os._exit(1)
 
 
 def _make_chunk(indices: list[int]) -> None:

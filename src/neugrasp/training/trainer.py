@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import subprocess
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -15,6 +14,7 @@ import torch
 
 from neugrasp.data.records import Record
 from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.long_runs import source_commit
 from neugrasp.model.checkpoint import load_checkpoint, save_checkpoint
 from neugrasp.model.network import NeuGrasp
 from neugrasp.training.config import TrainConfig
@@ -196,19 +196,5 @@ def _show_progress(step: int, config: TrainConfig, losses: dict[str, float], sec
 
 
 def _about(run: TrainRun, config: TrainConfig, steps: int, scenes: int) -> dict[str, Any]:
-    return {"recipe": run.recipe, "steps": steps, "seed": config.seed, "scenes": scenes, "commit": _commit()}
-
-
-def _commit() -> str:
-    """The commit of the source tree this runs from, or "unknown" outside of one."""
-    folder = Path(__file__).parent
-    try:
-        result = subprocess.run(
-            ["git", "-C", str(folder), "describe", "--always", "--dirty"],
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown"
-    return result.stdout.strip()
+    facts = {"recipe": run.recipe, "steps": steps, "seed": config.seed, "scenes": scenes}
+    return {**facts, "commit": source_commit()}
