@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,22 +20,25 @@ STEPS_PER_MOVE = 4
 """Physics steps for each of them: 0.12 m/s at 240 steps a second (the reference's 0.10 m/s, truncated)."""
 APPROACH = 0.05
 """Metres from the pre-grasp to the grasp."""
-APPROACH_STEPS = round(APPROACH / STEP_LENGTH) * STEPS_PER_MOVE
 CLOSING_STEPS = 120
 """Half a second."""
+CARRY_STEP = 0.004
+"""Metres between the places where a way is looked at."""
 PARKING = (0.0, 0.0, 5.0)
 
 
 @dataclass(frozen=True)
-class Approach:
-    """How the hand follows its target on the way to a grasp."""
+class Motion:
+    """A hand at one moment, in the engine's terms."""
 
-    lag: float
-    """Metres by which it is short of the grasp at the end."""
-    speed: float
-    """Its speed at the end, m/s."""
-    short: tuple[float, ...]
-    """Metres by which it is short of the grasp where the engine looks for the contacts of each move."""
+    pose: tuple[Any, Any]
+    """Position and quaternion of the body."""
+    velocity: tuple[Any, Any]
+    """Linear and angular."""
+    fingers: tuple[tuple[float, float], ...]
+    """Position and speed of each."""
+    target: tuple[Any, Any]
+    """Where the arm pulls the body to."""
 
 
 class Hand:
@@ -85,28 +88,48 @@ class Hand:
                 self.uid, finger, self._client.VELOCITY_CONTROL, targetVelocity=0, force=1.0
             )
 
-    def shift(self, position: Array) -> None:
-        """Puts the TCP somewhere else with the same orientation, to look for collisions only."""
-        _, quaternion = self._client.getBasePositionAndOrientation(self.uid)
-        offset = from_quaternion(quaternion)[:3, :3] @ self._tcp_from_body[:3, 3]
-        self._client.resetBasePositionAndOrientation(self.uid, (position + offset).tolist(), quaternion)
+    def body_positions(self, world_from_tcp: Array) -> Array:
+        """Where the body is (n, 3), its TCP being at poses (n, 4, 4): for `show`."""
+        return np.asarray(world_from_tcp @ self._tcp_from_body)[:, :3, 3]
+
+    def show(self, position: Sequence[float], quaternion_xyzw: Sequence[float]) -> None:
+        """Puts the body somewhere as it is, to look for collisions only."""
+        self._client.resetBasePositionAndOrientation(self.uid, position, quaternion_xyzw)
 
     def pose(self) -> Array:
         """Where the TCP is: `world_from_tcp`."""
         position, quaternion = self._client.getBasePositionAndOrientation(self.uid)
         return from_quaternion(quaternion, position) @ inverse(self._tcp_from_body)
 
-    def arrive(self, world_from_tcp: Array, approach: Approach) -> None:
-        """The open hand as it is at the end of a straight approach on which it touched nothing."""
-        pose, direction = world_from_tcp.copy(), world_from_tcp[:3, 2]
-        pose[:3, 3] -= approach.lag * direction
-        self.place(pose)
-        self._client.resetBaseVelocity(self.uid, (approach.speed * direction).tolist(), [0, 0, 0])
-        body = world_from_tcp @ self._tcp_from_body
-        self._target(body[:3, 3], to_quaternion(body))
+    def approached(self, world_from_tcp: Array) -> Motion:
+        """The open hand at the end of an approach, which it carries out. Time passes."""
+        start = world_from_tcp.copy()
+        start[:3, 3] -= APPROACH * start[:3, 2]
+        self.place(start)
+        self.move(world_from_tcp[:3, 3], until=lambda: False)
+        client = self._client
+        states = client.getJointStates(self.uid, (LEFT, RIGHT))
+        return Motion(
+            client.getBasePositionAndOrientation(self.uid),
+            client.getBaseVelocity(self.uid),
+            tuple((position, speed) for position, speed, *_ in states),
+            self._aim,
+        )
 
-    def try_approach(self) -> Approach:
-        """Carries out an approach in the parking place, where nothing can be touched. Time passes."""
+    def resume(self, motion: Motion) -> None:
+        """The open hand as it was at another moment."""
+        self.park()
+        self._client.resetBasePositionAndOrientation(self.uid, *motion.pose)
+        self._client.resetBaseVelocity(self.uid, *motion.velocity)
+        for finger, state in zip((LEFT, RIGHT), motion.fingers, strict=True):
+            self._client.resetJointState(self.uid, finger, *state)
+        self._target(*motion.target)
+
+    def try_approach(self) -> tuple[float, ...]:
+        """Metres by which the hand is short of a grasp at each look for contacts on its approach.
+
+        One is carried out in the parking place, where nothing can be touched. Time passes.
+        """
         goal = rigid(translation=PARKING)
         goal[2, 3] += APPROACH
         self.park()
@@ -119,10 +142,8 @@ class Hand:
             return False
 
         self.move(goal[:3, 3], until=note)
-        lag = float(goal[2, 3] - self.pose()[2, 3])
-        speed = float(self._client.getBaseVelocity(self.uid)[0][2])
         self.park()
-        return Approach(lag, speed, tuple(short))
+        return tuple(short)
 
     def move(self, position: Array, until: Callable[[], bool]) -> None:
         """Leads the TCP along a line to a position; the orientation stays. Ends early once `until`."""
@@ -138,8 +159,8 @@ class Hand:
             if until():
                 return
 
-    def close(self) -> None:
-        """Half a second of closing; the fingers go on pressing afterwards."""
+    def close(self, until: Callable[[], bool] | None = None) -> None:
+        """Half a second of closing, less once `until`; the fingers go on pressing afterwards."""
         for finger in (LEFT, RIGHT):
             self._client.setJointMotorControl2(
                 self.uid,
@@ -148,11 +169,18 @@ class Hand:
                 targetPosition=0.0,
                 force=self.gripper.closing_force,
             )
-        self._step(CLOSING_STEPS)
+        for _ in range(CLOSING_STEPS // STEPS_PER_MOVE):
+            self._step(STEPS_PER_MOVE)
+            if until is not None and until():
+                return
 
     def opening(self) -> float:
         """The distance between the pads, metres."""
         return float(sum(state[0] for state in self._client.getJointStates(self.uid, (LEFT, RIGHT))))
+
+    def finger_speeds(self) -> list[float]:
+        """Of both fingers, m/s."""
+        return [abs(state[1]) for state in self._client.getJointStates(self.uid, (LEFT, RIGHT))]
 
     def touches(self) -> bool:
         """Whether the hand touched anything, the table included, when collisions were last computed."""
@@ -162,8 +190,46 @@ class Hand:
         """The engine's numbers of what the hand touched, in the order of the contacts."""
         return tuple(int(point[2]) for point in self._client.getContactPoints(self.uid))
 
+    def holds(self) -> int | None:
+        """The engine's number of the one body that the hand touches and that touches nothing else."""
+        touched = set(self.touched())
+        if len(touched) != 1:
+            return None
+        (uid,) = touched
+        is_alone = all(point[2] == self.uid for point in self._client.getContactPoints(uid))
+        return uid if is_alone else None
+
+    def slip(self, uid: int, lever: float) -> float:
+        """How fast a body moves in the hand, m/s; a turn counts at the end of a lever, metres."""
+        (linear, angular), (own, own_turn) = (self._client.getBaseVelocity(u) for u in (uid, self.uid))
+        sliding = [a - b for a, b in zip(linear, own, strict=True)]
+        turning = [lever * (a - b) for a, b in zip(angular, own_turn, strict=True)]
+        return float(np.linalg.norm([*sliding, *turning, *self.finger_speeds()]))
+
+    def can_carry(self, uid: int, goal: Array) -> bool:
+        """Whether hand and held body, stiff as one, touch nothing else as the TCP goes to a position."""
+        client, pair = self._client, (self.uid, uid)
+        poses = [client.getBasePositionAndOrientation(body) for body in pair]
+        speeds = [client.getBaseVelocity(body) for body in pair]
+        way = goal - self.pose()[:3, 3]
+        count = max(1, round(float(np.linalg.norm(way)) / CARRY_STEP))
+        is_free = True
+        for offset in np.linspace(1, 0, count, endpoint=False)[:, None] * way:
+            for body, (position, quaternion) in zip(pair, poses, strict=True):
+                client.resetBasePositionAndOrientation(body, (offset + position).tolist(), quaternion)
+            client.performCollisionDetection()
+            is_free = self.holds() == uid
+            if not is_free:
+                break
+        for body, pose, speed in zip(pair, poses, speeds, strict=True):
+            client.resetBasePositionAndOrientation(body, *pose)
+            client.resetBaseVelocity(body, *speed)
+        client.performCollisionDetection()
+        return is_free
+
     def _target(self, position: Array, quaternion_xyzw: Array) -> None:
         """Where the arm pulls the body (its centre of mass) to."""
+        self._aim = (np.array(position), np.array(quaternion_xyzw))
         self._client.changeConstraint(
             self._hold, position, quaternion_xyzw, maxForce=self.gripper.holding_force
         )

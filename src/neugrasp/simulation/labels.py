@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp.geometry.pose import Array, rigid, rotation_about, to_quaternion
-from neugrasp.grasp import Grasp
-from neugrasp.simulation.hand import APPROACH_STEPS
+from neugrasp.gripper import Gripper
 from neugrasp.simulation.physics import World
+from neugrasp.simulation.series import execute_each
 from neugrasp.simulation.surface import SurfacePoints, visible_surface
-from neugrasp.simulation.trials import REASONS, Trial, foreseen, lift
+from neugrasp.simulation.trials import REASONS
 
 BORDER = 0.02
 """Metres from the sides and the top of the workspace within which nothing is tried."""
@@ -53,27 +53,20 @@ def label(
     The yaws are k pi / num_yaws: all distinct, since a turn by pi gives the same grasp (the reference's
     six from 0 to pi inclusive are five). Fewer points come back, or none, where too little can be seen.
     """
-    points, rotations = _candidates(world, rng, num_points)
-    yaws = [rotation_about((0, 0, 1), np.pi * k / num_yaws) for k in range(num_yaws)]
+    points, rotations = candidates(world, rng, num_points)
+    poses = grasp_poses(points, rotations, num_yaws)
+    trials = iter(execute_each(world, at_tcp(poses, world.gripper).reshape(-1, 4, 4), rule))
     counts = dict.fromkeys(REASONS, 0)
     quaternions, widths, successes = [], [], []
-    world.hand()
-    before = world.save()
-    world.step(APPROACH_STEPS)
-    arrived = world.save()
-    for point, rotation in zip(points, rotations, strict=True):
-        poses = [rigid(rotation @ yaw, point) for yaw in yaws]
-        trials = [_trial(world, arrived, pose, rule) for pose in poses]
-        for trial in trials:
+    for at_point in poses:
+        tried = [next(trials) for _ in at_point]
+        for trial in tried:
             counts[trial.reason] += 1
-        best = middle_of_widest_run([trial.success for trial in trials])
+        best = middle_of_widest_run([trial.success for trial in tried])
         chosen = 0 if best is None else best
-        quaternions.append(to_quaternion(poses[chosen]))
-        widths.append(trials[chosen].width)
+        quaternions.append(to_quaternion(at_point[chosen]))
+        widths.append(tried[chosen].width)
         successes.append(best is not None)
-    world.restore(before)
-    world.forget(before)
-    world.forget(arrived)
     return GraspLabels(
         np.array(points, dtype=np.float32).reshape(-1, 3),
         np.array(quaternions, dtype=np.float32).reshape(-1, 4),
@@ -83,17 +76,18 @@ def label(
     )
 
 
-def _trial(world: World, arrived: int, pose: Array, rule: str) -> Trial:
-    """As `execute` from a scene at rest, without the physics of the approach: see `foreseen`."""
-    grasp = Grasp(pose, world.gripper.max_opening).advanced(world.gripper.tcp_depth)
-    reason = foreseen(world, grasp)
-    if reason is not None:
-        return Trial(False, reason, world.gripper.max_opening)
-    world.restore(arrived)
-    world.hand().arrive(grasp.pose, world.approach)
-    trial = lift(world, grasp, rule)
-    world.restore(arrived)
-    return trial
+def grasp_poses(points: Array, rotations: Array, num_yaws: int) -> Array:
+    """Poses (n, num_yaws, 4, 4) with the origin at the grasp points, one for each yaw."""
+    yaws = [rotation_about((0, 0, 1), np.pi * k / num_yaws) for k in range(num_yaws)]
+    poses = [[rigid(r @ yaw, point) for yaw in yaws] for point, r in zip(points, rotations, strict=True)]
+    return np.array(poses).reshape(-1, num_yaws, 4, 4)
+
+
+def at_tcp(poses: Array, gripper: Gripper) -> Array:
+    """Poses (..., 4, 4) at grasp points, moved to the TCP."""
+    moved = poses.copy()
+    moved[..., :3, 3] += gripper.tcp_depth * moved[..., :3, 2]
+    return moved
 
 
 def middle_of_widest_run(successes: list[bool]) -> int | None:
@@ -110,7 +104,7 @@ def middle_of_widest_run(successes: list[bool]) -> int | None:
     return best
 
 
-def _candidates(world: World, rng: np.random.Generator, num_points: int) -> tuple[Array, Array]:
+def candidates(world: World, rng: np.random.Generator, num_points: int) -> tuple[Array, Array]:
     """Grasp points (n, 3) and rotations (n, 3, 3) that look along the inward normal."""
     surface = _graspable(world, visible_surface(world, rng, 50 * num_points))
     depth = world.gripper.finger_depth

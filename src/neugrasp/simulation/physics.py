@@ -6,7 +6,6 @@ Poses are in the workspace frame, which is PyBullet's world. Numbers follow VGN'
 from __future__ import annotations
 
 import contextlib
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,7 +21,9 @@ from neugrasp.geometry.pose import Array, from_quaternion
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
 from neugrasp.simulation.depth import plane_depth, rendered
+from neugrasp.simulation.frozen import Freezer
 from neugrasp.simulation.hand import Hand
+from neugrasp.simulation.quiet import quiet
 from neugrasp.simulation.scene import Body, Scene
 from neugrasp.simulation.urdf import write_gripper, write_object
 
@@ -66,7 +67,7 @@ class World:
         self.workspace = workspace
         self.gripper = gripper or Gripper.load("panda")
         self._library = library
-        with _quiet():
+        with quiet():
             require("pybullet", extra="sim")
             from pybullet_utils.bullet_client import BulletClient
 
@@ -79,7 +80,7 @@ class World:
         self._hand: Hand | None = None
         self.clear()
         self.approach = self.hand().try_approach()
-        """How the hand follows its target on the way to a grasp."""
+        """Metres by which the hand is short of a grasp at each look for contacts on its approach."""
         self.clear()
 
     def __enter__(self) -> World:
@@ -270,6 +271,10 @@ class World:
         """Frees a saved state."""
         self._client.removeState(state)
 
+    def freezer(self) -> Freezer:
+        """What can freeze the bodies that are there now."""
+        return Freezer(self._client, [placed.uid for placed in self._placed])
+
     def depth_and_mask(self, camera: Camera) -> tuple[NDArray[np.float32], NDArray[np.int16]]:
         """z-depth in metres (h, w), 0 where nothing is, and what is seen (h, w): -1 nothing, 0 the table,
         i + 1 the body i. The camera is in the workspace frame; the gripper is not seen."""
@@ -281,19 +286,3 @@ class World:
         mask[table < depth] = 0
         depth = np.minimum(depth, table)
         return np.where(np.isfinite(depth), depth, 0).astype(np.float32), mask
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Keeps the engine's start-up chatter, written past Python, off the terminal."""
-    saved = [os.dup(1), os.dup(2)]
-    null = os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(null, 1)
-        os.dup2(null, 2)
-        yield
-    finally:
-        for number, copy in enumerate(saved, start=1):
-            os.dup2(copy, number)
-            os.close(copy)
-        os.close(null)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from neugrasp.errors import InputError
+from neugrasp.geometry.pose import Array
 from neugrasp.grasp import Grasp
 from neugrasp.simulation.hand import APPROACH
 from neugrasp.simulation.physics import World
@@ -44,61 +46,64 @@ def execute(world: World, grasp: Grasp, rule: str = "paper", allow_contact: bool
     With `allow_contact` a contact ends the approach and the fingers close there; without, it is a failure.
     Raises `InputError` on an unknown rule.
     """
-    if rule not in RULES:
-        raise InputError(f"unknown success rule {rule!r}; choose one of {', '.join(RULES)}")
+    check_rule(rule)
     hand = world.hand()
     hand.place(grasp.advanced(-APPROACH).pose)
     world.detect_collisions()
     if hand.touches():
-        return _failure(world, AT_PREGRASP)
+        return failure(world, AT_PREGRASP)
     hand.move(grasp.position, until=hand.touches)
     if hand.touches() and not allow_contact:
-        return _failure(world, ON_APPROACH)
+        return failure(world, ON_APPROACH)
     return lift(world, grasp, rule)
 
 
-def lift(world: World, grasp: Grasp, rule: str) -> Trial:
-    """Closes the hand where it is, retreats and looks at what is held."""
+def end_of_retreat(grasp: Grasp) -> Array:
+    """Where the TCP goes with what it holds."""
+    if np.arccos(np.clip(-grasp.approach[2], -1, 1)) > SIDE_GRASP:
+        return grasp.position + np.array([0, 0, RETREAT])
+    return grasp.advanced(-RETREAT).position
+
+
+def check_rule(rule: str) -> None:
+    """Raises `InputError` on an unknown rule."""
+    if rule not in RULES:
+        raise InputError(f"unknown success rule {rule!r}; choose one of {', '.join(RULES)}")
+
+
+def never() -> bool:
+    """No reason to stop."""
+    return False
+
+
+def lift(
+    world: World,
+    grasp: Grasp,
+    rule: str,
+    is_closed_early: Callable[[], bool] = never,
+    is_carried_early: Callable[[], bool] = never,
+) -> Trial:
+    """Closes the hand where it is, retreats and looks at what is held.
+
+    The two callables are asked every 1/60 s whether closing, and carrying, can end before their time.
+    """
     hand = world.hand()
     threshold = RULES[rule] * world.gripper.max_opening
 
     def is_closed() -> bool:
         return hand.opening() <= threshold
 
-    hand.close()
+    hand.close(until=is_closed_early)
     if is_closed():
-        return _failure(world, NOTHING_HELD)
-    if np.arccos(np.clip(-grasp.approach[2], -1, 1)) > SIDE_GRASP:
-        retreat = grasp.position + np.array([0, 0, RETREAT])
-    else:
-        retreat = grasp.advanced(-RETREAT).position
+        return failure(world, NOTHING_HELD)
     # The fingers go on pressing: once they have met, nothing comes between them again.
-    hand.move(retreat, until=is_closed)
+    hand.move(end_of_retreat(grasp), until=lambda: is_closed() or is_carried_early())
     held = world.held()
     if held is None or is_closed():
-        return _failure(world, SLIPPED)
+        return failure(world, SLIPPED)
     return Trial(True, SUCCESS, hand.opening(), held)
 
 
-def foreseen(world: World, grasp: Grasp) -> str | None:
-    """The collision with which `execute` without `allow_contact` must end, found by geometry alone.
-
-    The hand follows its targets on a straight line and a known lag behind, so the places where `execute`
-    looks for contacts are known, and nothing else moves before the first contact. No time passes here.
-    """
-    hand = world.hand()
-    hand.place(grasp.advanced(-APPROACH).pose)
-    world.detect_collisions()
-    if hand.touches():
-        return AT_PREGRASP
-    # The end comes first: most collisions are there.
-    for distance in reversed(world.approach.short):
-        hand.shift(grasp.advanced(-distance).position)
-        world.detect_collisions()
-        if hand.touches():
-            return ON_APPROACH
-    return None
-
-
-def _failure(world: World, reason: str) -> Trial:
+def failure(world: World, reason: str) -> Trial:
+    """A trial that ended badly."""
     return Trial(False, reason, world.gripper.max_opening)
