@@ -11,12 +11,13 @@ PYTHON ?= $(shell for p in python3.11 python3 python; do \
   $$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null && echo $$p && break; done)
 PIP := $(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt $(PIP_ARGS)
 
-.PHONY: help setup demo test check format clean
+.PHONY: help setup demo test check docs format clean
 help:
 	@echo "make setup   install into $(VENV)"
 	@echo "make demo    photos of four bundled scenes -> surfaces, grasps and pictures in outputs/demo"
 	@echo "make test    all tests, with PyBullet and Blender"
 	@echo "make check   ruff, mypy, codespell"
+	@echo "make docs    the documentation as a site in outputs/docs"
 
 $(VENV)/made:
 	@test -n "$(PYTHON)" || { echo "No Python 3.11 with venv and ensurepip found. Debian, Ubuntu: apt install python3.11 python3.11-venv" >&2; exit 1; }
@@ -35,6 +36,10 @@ $(VENV)/all: $(VENV)/core
 	@.ci/blender-libraries $(VENV)/libraries $(BIN)/python
 	@touch $@
 
+$(VENV)/docs: $(VENV)/core
+	@$(PIP) -e '.[docs]'
+	@touch $@
+
 setup: $(VENV)/all
 	@:
 
@@ -51,6 +56,10 @@ check: $(VENV)/all
 	@$(BIN)/mypy --no-error-summary
 	@$(BIN)/codespell src tests docs examples README.md CHANGELOG.md CONTRIBUTING.md
 	@echo "check: ruff, mypy and codespell have nothing to say"
+
+docs: $(VENV)/docs
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	@echo "outputs/docs/index.html"
 
 format: $(VENV)/all
 	@$(BIN)/ruff check --quiet --fix .

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import logging
+import re
 import runpy
 import sys
 from collections.abc import Callable
@@ -167,3 +168,10 @@ def test_from_other_programs(run: Run, ball: Path, weights: Path, tmp_path: Path
     for view, original in zip(imported.views, source.views, strict=True):
         assert np.array_equal(view.image, original.image)
         assert np.allclose(view.camera.world_from_camera, original.camera.world_from_camera, atol=1e-9)
+
+
+def test_examine_a_capture(run: Run) -> None:
+    poses, background = run("10").split("A background shifted")
+    assert "mended: the poses are the good ones again, to 0.0e+00" in poses
+    assert "red" in background
+    assert re.search(r"view 0: shifted by \(-(1\.9|2\.0)\d, [-+]0\.0\d\)", background)

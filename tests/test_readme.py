@@ -14,6 +14,7 @@ from PIL import Image as Picture
 
 from neugrasp.cli import COMMANDS
 from neugrasp.data.scene_folder import read_scene
+from neugrasp.detection.explanation import WORDS
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
@@ -53,6 +54,28 @@ def test_links_lead_somewhere(document: Path):
     for target in re.findall(r"\]\(([^)#]+)\)", document.read_text()):
         if not target.startswith("http"):
             assert (document.parent / target).exists(), target
+
+
+@pytest.mark.parametrize("words", WORDS.values())
+def test_every_reason_for_no_grasps_has_a_row_of_advice(words: str):
+    assert f"| {words} |" in (ROOT / "docs/troubleshooting.md").read_text()
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_is_in_the_documentation(name: str):
+    assert any(re.search(rf"neugrasp {name}\b", page.read_text()) for page in DOCUMENTS)
+
+
+def test_the_first_screen_of_the_readme():
+    """One sentence, one picture that the project made, two commands, ten lines of Python."""
+    start = README[: README.index("## ")]
+    sentence = start.split("\n\n")[1]
+    assert sentence.count(". ") == 0
+    (picture,) = re.findall(r"!\[[^\]]+\]\((docs/pictures/[a-z_]+\.png)\)", start)
+    assert (ROOT / picture).is_file()
+    assert [line.split("  ")[0] for line in fences(start, "")[0].splitlines()] == ["make demo", "make test"]
+    (code,) = fences(start, "python")
+    assert len(code.splitlines()) <= 10
 
 
 def test_the_example_of_the_scene_format_is_a_scene(tmp_path: Path):

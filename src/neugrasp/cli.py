@@ -15,8 +15,9 @@ from neugrasp.bench.command import SpeedTest
 from neugrasp.doctor.command import Doctor
 from neugrasp.doctor.findings import Verdict
 from neugrasp.errors import InputError, NeuGraspError
-from neugrasp.evaluation.commands import Compare, Evaluate, Results, Story
+from neugrasp.evaluation.commands import Compare, Evaluate, Results, Story, Validate
 from neugrasp.exporters.command import Export
+from neugrasp.figures.command import Figure
 from neugrasp.importers.command import Import, PrintBoard
 from neugrasp.viewer.command import Viewer
 
@@ -73,6 +74,8 @@ class Predict:
     """A name of a bundled gripper, or a file."""
     report: bool = False
     """Write report.html, too: the scene to turn, why candidates fell out, the doctor's verdict."""
+    hand_check: bool = True
+    """Drop grasps whose hand would meet the reconstructed surface, or close on nothing."""
     force: bool = False
     """Predict even where the doctor says red."""
 
@@ -85,6 +88,7 @@ class Predict:
             weights=self.weights,
             gripper=self.gripper,
             with_report=self.report,
+            hand_check=self.hand_check,
             is_forced=self.force,
         )
         return predict(run)
@@ -196,47 +200,6 @@ class Train:
         )
 
 
-@dataclass(frozen=True)
-class Validate:
-    """Held-out scenes: how good the surface is, and whether the best grasp holds when it is executed.
-
-    One attempt from each untouched scene, beside the same grasp head on the true surface and random antipodal
-    grasps on it. Goes on where it stopped.
-    """
-
-    data: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="DIR [DIR ...]")]
-    """Folders made by `neugrasp generate`, or of shards packed from them."""
-    out: Folder
-    """Where held_out.json and attempts.jsonl are written."""
-    weights: str = "neugrasp"
-    """A name of bundled weights, or a file."""
-    gripper: str = "panda"
-    """A name of a bundled gripper, or a file."""
-    objects: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """The folder of URDF objects that the scenes were made of, where they were."""
-    threshold: float | None = None
-    """Predicted probability of success below which nothing is tried; by default the weights' own."""
-    seed: int = 0
-    """Of the random antipodal grasps."""
-
-    def run(self) -> str:
-        from neugrasp.evaluation.held_out import HeldOutRun, run_held_out
-        from neugrasp.evaluation.held_out_table import held_out_table
-
-        summary = run_held_out(
-            HeldOutRun(
-                data=self.data,
-                out=self.out,
-                weights=self.weights,
-                gripper=self.gripper,
-                objects=self.objects,
-                threshold=self.threshold,
-                seed=self.seed,
-            )
-        )
-        return f"{held_out_table(summary)}\n\n{self.out / 'held_out.json'}"
-
-
 class Command(Protocol):
     """Options as fields, and what is done with them; what it returns is printed."""
 
@@ -260,6 +223,7 @@ COMMANDS: dict[str, Callable[..., Command]] = {
     "story": _positional(Story),
     "results": Results,
     "view": _positional(Viewer),
+    "figure": _positional(Figure),
     "bench": SpeedTest,
 }
 

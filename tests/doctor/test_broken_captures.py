@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import re
 import shutil
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,6 +26,30 @@ from neugrasp.doctor.problems import INVERTED_WORKSPACE
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import from_quaternion, inverse
 from neugrasp.views import Views
+
+QUICK = {
+    "cameras of OpenGL or Blender",
+    "poses inverted",
+    "poses in millimetres",
+    "the cube 3 m away",
+    "the cube upside down",
+    "intrinsics of twice the resolution",
+    "two backgrounds swapped",
+    "one background shifted by (2.4, -1.2) pixels",
+    "the lamp moved to the other side",
+    "one view only",
+    *(case.what for case in FOLDER_CASES),
+}
+"""One of each kind, for a bare `pytest`; `make test` examines all."""
+
+
+def marked(cases: Sequence[Case | FolderCase]) -> list[Any]:
+    """The cases as parameters, those not among `QUICK` marked as slow."""
+    return [case if case.what in QUICK else pytest.param(case, marks=pytest.mark.slow) for case in cases]
+
+
+def test_the_quick_cases_are_cases():
+    assert {case.what for case in [*CASES, *FOLDER_CASES]} > QUICK
 
 
 @dataclass(repr=False)
@@ -70,14 +96,16 @@ def test_the_good_capture_is_green(clinic: Clinic):
         assert not diagnosis.is_mended
 
 
-@pytest.mark.parametrize("case", [*CASES, *FOLDER_CASES], ids=lambda case: case.what)
+@pytest.mark.parametrize("case", marked([*CASES, *FOLDER_CASES]), ids=lambda case: case.what)
 def test_every_broken_capture_gets_its_diagnosis(clinic: Clinic, case: Case | FolderCase):
     finding = clinic.finding(case)
     assert (finding.level, finding.views) == (case.level, case.views), finding.line()
     assert clinic.diagnosis(case).level == case.level, clinic.diagnosis(case).lines(Level.YELLOW)
 
 
-@pytest.mark.parametrize("case", [case for case in CASES if case.is_mendable], ids=lambda case: case.what)
+@pytest.mark.parametrize(
+    "case", marked([case for case in CASES if case.is_mendable]), ids=lambda case: case.what
+)
 def test_what_is_certain_is_mended_exactly(clinic: Clinic, case: Case):
     diagnosis = clinic.diagnosis(case)
     assert diagnosis.is_mended
@@ -85,7 +113,9 @@ def test_what_is_certain_is_mended_exactly(clinic: Clinic, case: Case):
     assert_same(diagnosis.capture.views, clinic.good, case.tolerance)
 
 
-@pytest.mark.parametrize("case", [case for case in CASES if not case.is_mendable], ids=lambda case: case.what)
+@pytest.mark.parametrize(
+    "case", marked([case for case in CASES if not case.is_mendable]), ids=lambda case: case.what
+)
 def test_what_is_not_certain_is_left_as_it_is(clinic: Clinic, case: Case):
     assert not clinic.diagnosis(case).is_mended
 
@@ -101,21 +131,33 @@ def assert_same(views: Views, other: Views, tolerance: float = 1e-9) -> None:
         np.testing.assert_allclose(one.camera.intrinsics, two.camera.intrinsics, atol=0.5)
 
 
-BY_COMMAND = ("cameras of OpenGL or Blender", "poses inverted", "poses in millimetres")
-BY_NAME = ("OpenGL cameras in millimetres", "two backgrounds swapped", "images and backgrounds exchanged")
-
-
 def named(what: str) -> Case:
     (case,) = [case for case in CASES if case.what == what]
     return case
 
 
-@pytest.mark.parametrize("what", BY_COMMAND)
+BY_COMMAND = [
+    named("cameras of OpenGL or Blender"),
+    *(pytest.param(named(f"poses {how}"), marks=pytest.mark.slow) for how in ("inverted", "in millimetres")),
+]
+BY_NAME = marked(
+    [
+        named(what)
+        for what in (
+            "OpenGL cameras in millimetres",
+            "two backgrounds swapped",
+            "images and backgrounds exchanged",
+        )
+    ]
+)
+
+
+@pytest.mark.parametrize("case", BY_COMMAND, ids=lambda case: case.what)
 def test_the_command_writes_a_corrected_copy_that_is_green(
-    clinic: Clinic, tmp_path: Path, what: str, capsys: pytest.CaptureFixture[str]
+    clinic: Clinic, tmp_path: Path, case: Case, capsys: pytest.CaptureFixture[str]
 ):
     bad, fixed = tmp_path / "bad", tmp_path / "fixed"
-    write_scene(bad, named(what).spoil(clinic.good))
+    write_scene(bad, case.spoil(clinic.good))
     written = (bad / "scene.json").read_text()
     assert cli.main(["doctor", str(bad), "--fix", str(fixed)]) == 1
     assert capsys.readouterr().out.endswith(f"{bad}: red\n{fixed}: green\n")
@@ -123,10 +165,10 @@ def test_the_command_writes_a_corrected_copy_that_is_green(
     assert (bad / "scene.json").read_text() == written
 
 
-@pytest.mark.parametrize("what", BY_NAME)
-def test_the_corrected_copy_of_a_capture_is_the_good_scene(clinic: Clinic, tmp_path: Path, what: str):
-    write_scene(tmp_path / "bad", named(what).spoil(clinic.good))
-    on_disk = replace(clinic.diagnosis(named(what)), data=read_json(tmp_path / "bad/scene.json"))
+@pytest.mark.parametrize("case", BY_NAME, ids=lambda case: case.what)
+def test_the_corrected_copy_of_a_capture_is_the_good_scene(clinic: Clinic, tmp_path: Path, case: Case):
+    write_scene(tmp_path / "bad", case.spoil(clinic.good))
+    on_disk = replace(clinic.diagnosis(case), data=read_json(tmp_path / "bad/scene.json"))
     write_fixed(on_disk, tmp_path / "bad", tmp_path / "fixed")
     assert_same(read_scene(tmp_path / "fixed"), clinic.good)
 
@@ -170,6 +212,7 @@ def test_an_inverted_workspace_is_found_and_mended(good: Views):
     assert_same(diagnosis.capture.views, moved)
 
 
+@pytest.mark.slow
 def test_the_page_in_the_docs_is_what_the_doctor_says(clinic: Clinic):
     cases = [*CASES, *FOLDER_CASES]
     text = page([(case.what, clinic.finding(case), case.is_mendable) for case in cases])

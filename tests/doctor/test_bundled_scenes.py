@@ -8,8 +8,14 @@ from neugrasp.demo import DemoScene, demo_scenes
 from neugrasp.doctor.examination import examine_folder
 from neugrasp.doctor.findings import Level
 
+FIRST, *REST = demo_scenes()
 
-@pytest.mark.parametrize("scene", demo_scenes(), ids=lambda scene: scene.name)
+
+@pytest.mark.parametrize(
+    "scene",
+    [FIRST, *(pytest.param(scene, marks=pytest.mark.slow) for scene in REST)],
+    ids=lambda scene: scene.name,
+)
 def test_bundled_scenes_are_green(scene: DemoScene):
     diagnosis = examine_folder(scene.folder)
     assert diagnosis.level == Level.GREEN, diagnosis.lines(Level.YELLOW)

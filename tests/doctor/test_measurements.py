@@ -84,7 +84,8 @@ def test_the_tables_agree_best_where_the_table_is(good: Views):
     assert max(agreed[0], agreed[4]) < 0.6
 
 
-@settings(max_examples=2, deadline=None)
+@pytest.mark.slow
+@settings(max_examples=3, deadline=None)
 @given(
     st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1),
     st.tuples(*[st.floats(-2, 2)] * 3),

@@ -10,7 +10,7 @@ from neugrasp.doctor.findings import Finding, views_text
 from neugrasp.doctor.problems import all_problems
 
 FILE = Path(__file__).parents[2] / "docs/troubleshooting.md"
-COMMAND = "UPDATE_DOCS=1 pytest tests/doctor/test_broken_captures.py"
+COMMAND = "UPDATE_DOCS=1 pytest -m slow tests/doctor/test_broken_captures.py"
 HEAD = f"""# Troubleshooting
 
 `neugrasp doctor SCENE` examines a capture and says green, yellow or red for each item, with the measured
@@ -33,6 +33,9 @@ same test checks it.
 | below the threshold, best far from it | it does not understand the photos: run the doctor |
 | too wide for the gripper | the objects are wider than the gripper opens: another `--gripper` |
 | too narrow to be real | noise or the edge of the table was taken for objects |
+| where the hand would touch something | objects stand close together: other views, a slimmer `--gripper` |
+| with nothing between the fingers | the best places lie beside the surface: see the report's surface |
+| beside a better one | nothing: of close neighbours only the best is kept |
 
 ## What the doctor can say
 

@@ -33,6 +33,8 @@ class Evaluate:
     """paper, vgn or graspnerf: what counts as a success, and out of what (docs/benchmark.md)."""
     weights: str = "neugrasp"
     """A name of bundled weights, or a file; for vgn, and for an oracle with VGN's head, a .pth of VGN."""
+    hand_check: bool = True
+    """Drop grasps whose hand would meet the reconstructed surface, or close on nothing. Never for VGN."""
     depth: Literal["exact", "noisy", "stereo"] = "exact"
     """The depth sensor of vgn; stereo sees glass and steel as such a sensor does."""
     gripper: str = "panda"
@@ -60,7 +62,8 @@ class Evaluate:
                 value = "OBJECTS"
             elif field.name in ("weights", "gripper"):
                 value = Path(value).name
-            words += [f"--{field.name}", str(value)]
+            name = field.name.replace("_", "-")
+            words += [f"--no-{name}"] if value is False else [f"--{name}", str(value)]
         return shlex.join(words)
 
     def run(self) -> str:
@@ -124,3 +127,48 @@ class Results:
         from neugrasp.evaluation.results import write_results
 
         return str(write_results(self.folder, self.out))
+
+
+@dataclass(frozen=True)
+class Validate:
+    """Held-out scenes: how good the surface is, and whether the best grasp holds when it is executed.
+
+    One attempt from each untouched scene, beside the same grasp head on the true surface and random antipodal
+    grasps on it. Goes on where it stopped.
+    """
+
+    data: tuple[Path, ...]
+    """Folders made by `neugrasp generate`, or of shards packed from them."""
+    out: Path
+    """Where held_out.json and attempts.jsonl are written."""
+    weights: str = "neugrasp"
+    """A name of bundled weights, or a file."""
+    gripper: str = "panda"
+    """A name of a bundled gripper, or a file."""
+    objects: Path | None = None
+    """The folder of URDF objects that the scenes were made of, where they were."""
+    threshold: float | None = None
+    """Predicted probability of success below which nothing is tried; by default the weights' own."""
+    hand_check: bool = True
+    """Drop grasps whose hand would meet the reconstructed surface, or close on nothing."""
+    seed: int = 0
+    """Of the random antipodal grasps."""
+
+    def run(self) -> str:
+        """The table, and where the numbers are."""
+        from neugrasp.evaluation.held_out import HeldOutRun, run_held_out
+        from neugrasp.evaluation.held_out_table import held_out_table
+
+        summary = run_held_out(
+            HeldOutRun(
+                data=self.data,
+                out=self.out,
+                weights=self.weights,
+                gripper=self.gripper,
+                objects=self.objects,
+                threshold=self.threshold,
+                hand_check=self.hand_check,
+                seed=self.seed,
+            )
+        )
+        return f"{held_out_table(summary)}\n\n{self.out / 'held_out.json'}"

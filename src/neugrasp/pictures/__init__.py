@@ -1,7 +1,7 @@
 """Pictures for people: grasps drawn into photos, shaded surfaces, slices of the grid, contact sheets."""
 
 from neugrasp.pictures.overlay import draw_grasps, photo_of_workspace
-from neugrasp.pictures.overview import overlay_sheet, surface_sheet
+from neugrasp.pictures.overview import opposite, overlay_sheet, surface_sheet
 from neugrasp.pictures.shading import free_where_unseen, shade_surface
 from neugrasp.pictures.sheet import Tile, contact_sheet
 from neugrasp.pictures.slices import slice_picture
@@ -11,6 +11,7 @@ __all__ = [
     "contact_sheet",
     "draw_grasps",
     "free_where_unseen",
+    "opposite",
     "overlay_sheet",
     "photo_of_workspace",
     "shade_surface",

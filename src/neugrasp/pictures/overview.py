@@ -41,7 +41,7 @@ def surface_sheet(views: Views, tsdf: ArrayLike, truth: ArrayLike | None = None)
     them the true surface where it is known (a fused grid, -1 where unseen)."""
     workspace = views.workspace
     front = photo_of_workspace(views.views[0], workspace)
-    back = _opposite(front, workspace)
+    back = opposite(front, workspace)
 
     def row(grid: ArrayLike, what: str) -> list[Tile]:
         return [
@@ -55,7 +55,7 @@ def surface_sheet(views: Views, tsdf: ArrayLike, truth: ArrayLike | None = None)
     return contact_sheet(tiles, columns=3)
 
 
-def _opposite(view: View, workspace: Workspace) -> View:
+def opposite(view: View, workspace: Workspace) -> View:
     """A blank photo of the workspace from the other side of the table, 40 degrees from the vertical."""
     place = inverse(workspace.world_from_workspace) @ view.camera.world_from_camera
     offset = place[:3, 3] - workspace.centre

@@ -53,7 +53,7 @@ def pick(arm: Arm, gripper: Gripper, grasp: Grasp, min_opening: float, up: Array
     touched = arm.move_straight(grasp.position, stop_on_contact=True)
     gripper.close()
     is_empty = gripper.opening() <= min_opening
-    arm.move_straight(_retreat(grasp, up), stop_on_contact=False)
+    arm.move_straight(retreat(grasp, up), stop_on_contact=False)
     if is_empty:
         return _failed(arm, gripper, COLLISION if touched else NOTHING_HELD, touched)
     if gripper.opening() <= min_opening or not gripper.holds():
@@ -63,7 +63,7 @@ def pick(arm: Arm, gripper: Gripper, grasp: Grasp, min_opening: float, up: Array
     return Pick(SUCCESS, opening, touched)
 
 
-def _retreat(grasp: Grasp, up: Array) -> Array:
+def retreat(grasp: Grasp, up: Array) -> Array:
     """Straight up after a grasp from the side, else back along the approach."""
     if np.arccos(np.clip(-grasp.approach @ up, -1, 1)) > SIDE_GRASP:
         position: Array = grasp.position + RETREAT * up

@@ -1,0 +1,1 @@
+"""The paper's figures, drawn from a model and photos of one's own."""
