@@ -52,7 +52,7 @@ def scene_folder(tmp_path: Path) -> Path:
 @pytest.fixture
 def flat_table(monkeypatch: pytest.MonkeyPatch) -> FlatTable:
     detector = FlatTable()
-    monkeypatch.setattr(NeuGraspDetector, "load", classmethod(lambda *_: detector))
+    monkeypatch.setattr(NeuGraspDetector, "load", classmethod(lambda *_, **__: detector))
     return detector
 
 

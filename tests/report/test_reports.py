@@ -118,7 +118,7 @@ class Found:
 
 @pytest.fixture
 def found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(NeuGraspDetector, "load", classmethod(lambda *_: Found()))
+    monkeypatch.setattr(NeuGraspDetector, "load", classmethod(lambda *_, **__: Found()))
 
 
 def test_predict_writes_the_report_and_explains_no_grasps(

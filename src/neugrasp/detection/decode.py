@@ -11,7 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.spatial.transform import Rotation
 
+from neugrasp.detection.hand_check import HandCheck, HandProbe
 from neugrasp.geometry.pose import Array, from_quaternion, to_quaternion
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
@@ -22,7 +24,7 @@ Grid = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class SelectionConfig:
-    """VGN's constants (method.md C), as all systems of the paper use them."""
+    """VGN's constants (method.md C), as all systems of the paper use them, and a check that they lack."""
 
     threshold: float = 0.9
     """Smoothed quality below which a voxel is no grasp."""
@@ -36,6 +38,8 @@ class SelectionConfig:
     """Edge of the cube, in voxels, in which only the best grasp survives."""
     min_width: float = 0.01
     """Narrowest opening, metres; the widest is `max_opening` less this."""
+    hand: HandCheck | None = None
+    """What the surface has to say of the hand; None asks nothing."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +99,12 @@ def select_grasps(
     reject("too_wide_for_the_gripper", width <= gripper.max_opening - config.min_width)
     candidates = np.where(alive, quality, 0.0)
     reject("not_the_best_nearby", candidates == ndimage.maximum_filter(candidates, config.suppression))
+    # Last, not before the suppression: the neighbours that would take the place of a peak that fails pass
+    # only just, and hold less often.
+    if config.hand is not None:
+        holds, is_free = _hand_passes(config.hand, alive, prediction, workspace, gripper)
+        reject("nothing_between_the_fingers", holds)
+        reject("hand_would_collide", is_free)
     indices = np.argwhere(alive)
     order = np.argsort(-quality[alive], kind="stable")
     grasps = tuple(
@@ -105,6 +115,23 @@ def select_grasps(
         for index in indices[order]
     )  # fmt: skip
     return Selection(grasps, rejected, best)
+
+
+def _hand_passes(
+    check: HandCheck,
+    alive: NDArray[np.bool_],
+    prediction: Prediction,
+    workspace: Workspace,
+    gripper: Gripper,
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Grids of whether the hand at a voxel's grasp would hold anything, and gets there; True if not asked."""
+    indices = np.argwhere(alive)
+    poses = np.tile(np.eye(4), (len(indices), 1, 1))
+    poses[:, :3, :3] = Rotation.from_quat(prediction.rotation[:, alive].T).as_matrix() if len(indices) else 0
+    poses[:, :3, 3] = workspace.position_of(indices) + gripper.tcp_depth * poses[:, :3, 2]
+    holds, is_free = np.ones_like(alive), np.ones_like(alive)
+    holds[alive], is_free[alive] = HandProbe(gripper).passes(check, prediction.tsdf, workspace, poses)
+    return holds, is_free
 
 
 def decode_grasp(

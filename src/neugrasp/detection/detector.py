@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from neugrasp.detection.decode import Prediction, SelectionConfig, select_grasps
+from neugrasp.detection.hand_check import HandCheck
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
 from neugrasp.model.checkpoint import load_checkpoint
@@ -88,16 +89,19 @@ class NeuGraspDetector:
         gripper: str | Path = "panda",
         device: str | torch.device = "cpu",
         threshold: float | None = None,
+        hand_check: bool = True,
     ) -> NeuGraspDetector:
         """From shipped weights by name or a weights file, and a gripper by name or file.
 
-        Without a `threshold`, the one noted with the weights when they were judged, else the paper's.
+        Without a `threshold`, the one noted with the weights when they were judged, else the paper's. With
+        `hand_check`, grasps whose hand would meet the reconstructed surface, or close on nothing, are
+        dropped.
         Raises `InputError` where weights or gripper cannot be used.
         """
         checkpoint = load_checkpoint(weights)
         if threshold is None:
             threshold = float(checkpoint.about.get("threshold", SelectionConfig.threshold))
-        selection = SelectionConfig(threshold=threshold)
+        selection = SelectionConfig(threshold=threshold, hand=HandCheck() if hand_check else None)
         return cls(checkpoint.model(), Gripper.load(gripper), selection, device)
 
     @torch.no_grad()

@@ -8,6 +8,8 @@ WORDS = {
     "off_the_surface": "off the surface",
     "too_narrow": "too narrow to be real",
     "too_wide_for_the_gripper": "too wide for the gripper",
+    "hand_would_collide": "where the hand would touch something",
+    "nothing_between_the_fingers": "with nothing between the fingers",
     "not_the_best_nearby": "beside a better one",
 }
 

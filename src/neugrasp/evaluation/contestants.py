@@ -9,6 +9,7 @@ from typing import Any
 
 from neugrasp.baselines.vgn import VgnDetector, load_vgn_head
 from neugrasp.detection.detector import NeuGraspDetector
+from neugrasp.detection.hand_check import HandCheck
 from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.declutter import Finder
@@ -42,19 +43,22 @@ def load_contestant(config: Evaluate, threshold: float) -> Contestant:
 
 def _detector(config: Evaluate, gripper: Gripper, threshold: float) -> Finder[Any]:
     if config.detector == "neugrasp":
-        return NeuGraspDetector.load(config.weights, config.gripper, threshold=threshold)
+        return NeuGraspDetector.load(
+            config.weights, config.gripper, threshold=threshold, hand_check=config.hand_check
+        )
     if config.detector == "vgn":
         return VgnDetector(load_vgn_head(_vgn_file(config.weights)), gripper, threshold)
     if config.detector == "oracle":
         if _is_vgn(config.weights):
             return Oracle(load_vgn_head(Path(config.weights)), gripper, threshold, is_vgn=True)
         head = load_checkpoint(config.weights).model().head
-        return Oracle(head, gripper, threshold, is_vgn=False)
+        return Oracle(head, gripper, threshold, is_vgn=False, hand=HandCheck() if config.hand_check else None)
     return Antipodal(gripper, config.seed)
 
 
-def weights_facts(config: Evaluate) -> dict[str, str]:
-    """Name and hash of the weights that an evaluation depends on; nothing where there are none."""
+def weights_facts(config: Evaluate) -> dict[str, Any]:
+    """Name and hash of the weights that an evaluation depends on, and whether the hand was checked; nothing
+    where there are none."""
     if config.detector == "antipodal":
         return {}
     is_vgn = config.detector == "vgn" or _is_vgn(config.weights)
@@ -63,7 +67,8 @@ def weights_facts(config: Evaluate) -> dict[str, str]:
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    return {"weights": path.name, "weights_sha256": digest}
+    checked = {} if is_vgn else {"hand_check": config.hand_check}
+    return {"weights": path.name, "weights_sha256": digest, **checked}
 
 
 def _is_vgn(weights: str) -> bool:

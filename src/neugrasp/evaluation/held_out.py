@@ -113,6 +113,7 @@ class HeldOutRun:
     objects: Path | None = None
     threshold: float | None = None
     """None: the weights' own."""
+    hand_check: bool = True
     seed: int = 0
 
 
@@ -125,7 +126,9 @@ def run_held_out(run: HeldOutRun) -> dict[str, Any]:
     from neugrasp.simulation.objects import ObjectLibrary
 
     records = _read_all(run.data)
-    detector = NeuGraspDetector.load(run.weights, run.gripper, threshold=run.threshold)
+    detector = NeuGraspDetector.load(
+        run.weights, run.gripper, threshold=run.threshold, hand_check=run.hand_check
+    )
     sets = sorted({body.object_set for record in records for body in record.scene.bodies})
     library = ObjectLibrary.open(sets, run.objects)
     run.out.mkdir(parents=True, exist_ok=True)
@@ -165,6 +168,7 @@ def _describe(run: HeldOutRun, threshold: float) -> dict[str, Any]:
         "weights_sha256": hashlib.sha256(weights.read_bytes()).hexdigest(),
         "gripper": run.gripper,
         "threshold": threshold,
+        "hand_check": run.hand_check,
         "seed": run.seed,
     }
     path = run.out / "run.json"

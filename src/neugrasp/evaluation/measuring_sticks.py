@@ -15,6 +15,7 @@ from neugrasp.baselines.antipodal import antipodal_grasp
 from neugrasp.baselines.vgn import INSIDE, vgn_selection
 from neugrasp.detection.decode import Prediction, SelectionConfig, select_grasps
 from neugrasp.detection.detector import Detection
+from neugrasp.detection.hand_check import HandCheck
 from neugrasp.gripper import Gripper
 from neugrasp.model.grasp_head import GraspHead
 from neugrasp.robot.simulated_cameras import Truth
@@ -29,6 +30,8 @@ class Oracle:
     threshold: float
     is_vgn: bool
     """Whether the head is VGN's, which reads another scale, or NeuGrasp's own."""
+    hand: HandCheck | None = None
+    """What is asked of grasps of NeuGrasp's head besides."""
 
     @torch.no_grad()
     def detect(self, truth: Truth) -> Detection:
@@ -42,7 +45,7 @@ class Oracle:
             prediction = Prediction(
                 tsdf, volume.quality[0].numpy(), volume.rotation[0].numpy(), volume.width[0].numpy()
             )
-            config = SelectionConfig(threshold=self.threshold)
+            config = SelectionConfig(threshold=self.threshold, hand=self.hand)
             chosen = select_grasps(prediction, truth.workspace, self.gripper, config)
         placed = truth.workspace.world_from_workspace
         grasps = tuple(grasp.moved(placed) for grasp in chosen.grasps)

@@ -95,7 +95,8 @@ def _table(rows: dict[str, dict[str, Any]]) -> Iterator[str]:
 
 def _detector(row: dict[str, Any]) -> str:
     depth = f", {row['depth']} depth" if row["depth"] else ""
-    weights = f" ({row['weights']}{depth})" if row.get("weights") else ""
+    unchecked = ", no hand check" if row.get("hand_check") is False else ""
+    weights = f" ({row['weights']}{depth}{unchecked})" if row.get("weights") else ""
     return f"{row['detector']}{weights}"
 
 

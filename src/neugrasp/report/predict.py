@@ -33,6 +33,8 @@ class PredictRun:
     """A name of a bundled gripper, or a file."""
     with_report: bool = False
     """Whether report.html is written, too."""
+    hand_check: bool = True
+    """Whether grasps are dropped whose hand would meet the surface, or close on nothing."""
     is_forced: bool = False
     """Whether to predict even where the doctor says red."""
 
@@ -45,7 +47,7 @@ def predict(run: PredictRun) -> str:
     views = read_scene(run.scene)
     diagnosis = examine(Capture.of(views))
     _check(run, diagnosis)
-    detector = NeuGraspDetector.load(run.weights, run.gripper)
+    detector = NeuGraspDetector.load(run.weights, run.gripper, hand_check=run.hand_check)
     detection = detector.detect(views)
     names = ["grasps.json", "surface.ply", "tsdf.npz", "overlay.png"]
     with whole_or_nothing(run.out) as part:
