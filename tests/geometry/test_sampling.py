@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from neugrasp.geometry.camera import Camera
-from neugrasp.geometry.sampling import CameraTensors, sample_images, sample_volume
+from neugrasp.geometry.sampling import CameraTensors, Table, sample_images, sample_volume, volume_corners
 from neugrasp.geometry.workspace import Workspace
 
 
@@ -70,3 +70,32 @@ def test_beyond_the_outermost_voxel_centres_the_border_is_repeated(workspace: Wo
     read = sample_volume(volume, torch.tensor([[-1.0, -1.0, -1.0], [5.0, 5.0, 5.0]]))
     torch.testing.assert_close(read[:, 0], volume[:, 0, 0, 0])
     torch.testing.assert_close(read[:, 1], volume[:, -1, -1, -1])
+
+
+def test_tables_are_read_as_images_are_and_so_are_their_gradients(cameras: list[Camera]):
+    torch.manual_seed(0)
+    tensors = CameraTensors.of(cameras)
+    maps = torch.randn(len(cameras), 3, 9, 16, requires_grad=True)
+    pixels = torch.rand(len(cameras), 50, 2) * 700 - 20
+    read = tensors.corners(pixels, maps.shape).read(Table.of_maps(maps))
+    expected = sample_images(maps, pixels, tensors.size).transpose(1, 2)
+    torch.testing.assert_close(read, expected, atol=1e-4, rtol=1e-4)
+    pull = torch.randn_like(read)
+    ours, theirs = (torch.autograd.grad((one * pull).sum(), maps)[0] for one in (read, expected))
+    torch.testing.assert_close(ours, theirs, atol=1e-3, rtol=1e-3)
+
+
+def test_tables_are_read_as_volumes_are():
+    volume = torch.rand(2, 6, 6, 6, generator=torch.Generator().manual_seed(0))
+    unit = torch.rand(40, 3, generator=torch.Generator().manual_seed(1)) * 2.4 - 1.2
+    read = volume_corners(unit, 6).read(Table.of(volume.flatten(1).T.contiguous()))
+    torch.testing.assert_close(read.T, sample_volume(volume, unit))
+
+
+def test_autocast_leaves_geometry_alone(cameras: list[Camera], workspace: Workspace):
+    tensors = CameraTensors.of(cameras)
+    points = torch.from_numpy(workspace.voxel_centres()[::9, ::9, ::9].reshape(-1, 3)).float()
+    exact = tensors.project(points)[0]
+    with torch.autocast("cpu", torch.bfloat16):
+        torch.testing.assert_close(tensors.project(points)[0], exact)
+        assert tensors.rays(0, exact[0])[1].dtype == torch.float32

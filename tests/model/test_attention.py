@@ -5,7 +5,9 @@ from __future__ import annotations
 import torch
 from torch.testing import assert_close
 
-from neugrasp.model.attention import RayTransformer, ViewTransformer, positive
+from neugrasp.bench.reference.attention import PlainViewTransformer
+from neugrasp.bench.reference.network import renamed
+from neugrasp.model.attention import BLOCK, RayTransformer, ViewTransformer, positive
 
 
 def attend(query: torch.Tensor, key: torch.Tensor, value: torch.Tensor, heads: int) -> torch.Tensor:
@@ -35,21 +37,21 @@ def finish(layer: ViewTransformer | RayTransformer, x: torch.Tensor, message: to
 def test_view_transformer_is_linear_attention_of_token_and_views():
     torch.manual_seed(0)
     layer = ViewTransformer(12, heads=4)
-    tokens = torch.randn(5, 12, 7)
+    tokens = torch.randn(5, 7, 12)
     unified, views = layer(tokens, need_views=True)
     assert views is not None
     for point in range(7):
-        x = torch.cat([layer.token.T, tokens[:, :, point]])
+        x = torch.cat([layer.token.T, tokens[:, point]])
         message = attend(x @ layer.query.weight.T, x @ layer.key.weight.T, x @ layer.value.weight.T, 4)
         expected = finish(layer, x, message)
-        assert_close(unified[:, point], expected[0], atol=1e-4, rtol=1e-4)
-        assert_close(views[:, :, point], expected[1:], atol=1e-4, rtol=1e-4)
+        assert_close(unified[point], expected[0], atol=1e-4, rtol=1e-4)
+        assert_close(views[:, point], expected[1:], atol=1e-4, rtol=1e-4)
 
 
 def test_unified_feature_is_the_same_without_view_features():
     torch.manual_seed(0)
     layer = ViewTransformer(8, heads=2)
-    tokens = torch.randn(3, 8, 11)
+    tokens = torch.randn(3, 11, 8)
     assert_close(layer(tokens, need_views=False)[0], layer(tokens, need_views=True)[0])
 
 
@@ -68,3 +70,25 @@ def test_rays_do_not_see_each_other():
     layer = RayTransformer(8, heads=2)
     x, asks = torch.randn(5, 6, 8), torch.ones(5, 6, dtype=torch.bool)
     assert_close(layer(x, asks)[2:3], layer(x[2:3], asks[2:3]))
+
+
+def test_gradients_of_the_view_transformer_are_those_of_the_plain_layer():
+    """Its backward pass is written by hand. There are more points here than a block holds."""
+    torch.manual_seed(0)
+    layer, plain = ViewTransformer(12, heads=4), PlainViewTransformer(12, heads=4)
+    plain.load_state_dict({renamed(f"view_transformers.{n}")[18:]: p for n, p in layer.state_dict().items()})
+    tokens = torch.randn(3, BLOCK + 5, 12)
+    ours, theirs = tokens.clone().requires_grad_(), tokens.clone().requires_grad_()
+    unified, views = layer(ours, need_views=True)
+    assert views is not None
+    expected = plain(theirs.transpose(0, 1))
+    pull = torch.randn_like(expected)
+    loss = (torch.cat([unified[None], views]).transpose(0, 1) * pull).sum()
+    loss.backward()
+    (expected * pull).sum().backward()
+    assert_close(ours.grad, theirs.grad, atol=1e-3, rtol=1e-3)
+    truth = {name: parameter.grad for name, parameter in plain.named_parameters()}
+    for name, parameter in layer.named_parameters():
+        same = truth[renamed(f"view_transformers.{name}")[18:]]
+        assert same is not None
+        assert_close(parameter.grad, same, atol=1e-3 * float(same.abs().max()), rtol=1e-3)

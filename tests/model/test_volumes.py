@@ -5,20 +5,21 @@ from __future__ import annotations
 import torch
 from torch.testing import assert_close
 
+from neugrasp.geometry.sampling import Corners
 from neugrasp.model.volumes import VolumeNet, masked_mean_and_variance
 from neugrasp.training.recipes import tiny
 
 
 def test_the_mean_over_views_of_a_constant_is_that_constant():
     seen = torch.tensor([[1.0, 1, 0], [1, 0, 0], [1, 1, 0]])
-    mean, variance = masked_mean_and_variance(torch.full((3, 2, 3), 7.0), seen)
-    assert_close(mean[:, :2], torch.full((2, 2), 7.0))
-    assert_close(variance, torch.zeros(2, 3), atol=1e-6, rtol=0)
-    assert_close(mean[:, 2], torch.zeros(2))
+    mean, variance = masked_mean_and_variance(torch.full((3, 3, 2), 7.0), seen)
+    assert_close(mean[:2], torch.full((2, 2), 7.0))
+    assert_close(variance, torch.zeros(3, 2), atol=1e-6, rtol=0)
+    assert_close(mean[2], torch.zeros(2))
 
 
 def test_views_that_do_not_see_a_voxel_do_not_count():
-    features = torch.randn(4, 5, 6)
+    features = torch.randn(4, 6, 5)
     seen = torch.ones(4, 6)
     seen[3] = 0
     mean, variance = masked_mean_and_variance(features, seen)
@@ -30,9 +31,12 @@ def test_volumes_keep_the_order_of_axes():
     """A feature at one voxel moves the volume there more than anywhere far from it."""
     torch.manual_seed(0)
     net = VolumeNet(tiny().model).eval()
-    features, seen = torch.zeros(2, 4, 40**3), torch.ones(2, 40**3)
+    # A map of 40 x 1600 pixels in which every voxel lies at a pixel of its own.
+    rows = torch.arange(2 * 40**3, dtype=torch.int32).reshape(2, -1, 1)
+    voxels, seen = Corners(rows, torch.ones(rows.shape)), torch.ones(2, 40**3)
+    features = torch.zeros(2, 4, 40, 1600)
     moved = features.clone()
-    moved.view(2, 4, 40, 40, 40)[:, :, 30, 12, 5] = 20.0
-    change = (net(moved, seen) - net(features, seen)).abs().sum(0)
+    moved[:, :, 30, 12 * 40 + 5] = 20.0
+    change = (net((moved,), voxels, seen) - net((features,), voxels, seen))[0].abs().sum(0)
     peak = torch.nonzero(change == change.max())[0]
     assert (peak - torch.tensor([30, 12, 5])).abs().max() <= 4

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -79,7 +78,7 @@ class NeuGraspDetector:
         self.gripper = gripper
         self.selection = selection or SelectionConfig()
         self.device = torch.device(device)
-        self._background_key = ""
+        self._backgrounds_seen: Tensor | None = None
         self._background_maps: Tensor | None = None
 
     @classmethod
@@ -141,8 +140,8 @@ class NeuGraspDetector:
     def _backgrounds(self, inputs: ViewTensors) -> Tensor | None:
         if not self.model.config.use_backgrounds:
             return None
-        key = hashlib.sha256(inputs.backgrounds.cpu().numpy().tobytes()).hexdigest()
-        if key != self._background_key:
+        known = self._backgrounds_seen
+        if known is None or not torch.equal(known, inputs.backgrounds):
             self._background_maps = self.model.encode_backgrounds(inputs)
-            self._background_key = key
+            self._backgrounds_seen = inputs.backgrounds
         return self._background_maps

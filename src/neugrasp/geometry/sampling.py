@@ -1,8 +1,15 @@
-"""Reading images and volumes at continuous places, for every view at once: the only `grid_sample` here."""
+"""Reading images and volumes at continuous places, for every view at once: the only `grid_sample` here.
+
+`Corners` read the same values out of a table, a row for each pixel or voxel: several times as fast where rows
+have many channels, and the same places serve for several tables.
+"""
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 import torch
@@ -11,6 +18,98 @@ from torch import Tensor
 
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import inverse
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def full_precision(function: Callable[P, R]) -> Callable[P, R]:
+    """The function outside of any autocast: geometry in bfloat16 would be off by whole pixels."""
+
+    @functools.wraps(function)
+    def exact(*args: P.args, **kwargs: P.kwargs) -> R:
+        with torch.autocast("cpu", enabled=False), torch.autocast("cuda", enabled=False):
+            return function(*args, **kwargs)
+
+    return exact
+
+
+@dataclass(frozen=True)
+class Corners:
+    """Places between the entries of a table: which rows lie around each, and how much each counts."""
+
+    rows: Tensor
+    """(..., k) int32, from the first row of the table on."""
+    shares: Tensor
+    """(..., k) float32; they sum to one, or are 0 where nothing is to be read."""
+
+    def part(self, part: slice) -> Corners:
+        """Some of the places, along the last axis of them."""
+        return Corners(self.rows[..., part, :], self.shares[..., part, :])
+
+    def where(self, known: Tensor) -> Corners:
+        """The same places, but 0 is read where `known` (...) is false."""
+        return Corners(self.rows, self.shares * known.unsqueeze(-1))
+
+    def read(self, table: Table) -> Tensor:
+        """Values (..., c) at the places."""
+        corners = self.rows.shape[-1]
+        places = self.rows.reshape(-1, corners), self.shares.reshape(-1, corners)
+        values: Tensor = _Read.apply(table.values, table.read_from, *places)
+        return values.reshape(*self.rows.shape[:-1], -1)
+
+
+@dataclass(frozen=True)
+class Table:
+    """Values to be read at places between them."""
+
+    values: Tensor
+    """(rows, c), float32."""
+    read_from: Tensor
+    """The same in the precision of what is read; gradients add up in the values' own."""
+
+    @classmethod
+    def of(cls, values: Tensor) -> Table:
+        """Of (rows, c), read in the precision of the products: under autocast, in bfloat16."""
+        kind = values.device.type
+        reduced = torch.is_autocast_enabled(kind)
+        return cls(values, values.detach().to(torch.get_autocast_dtype(kind) if reduced else values.dtype))
+
+    @classmethod
+    def of_maps(cls, maps: Tensor) -> Table:
+        """Of maps (n, c, h, w), row by row of pixels; best where the channels lie last in memory."""
+        return cls.of(_pixels_as_rows(maps))
+
+    @classmethod
+    def of_images(cls, images: Tensor) -> Table:
+        """Of images (n, 3, h, w), read exactly."""
+        rows = _pixels_as_rows(images)
+        return cls(rows, rows)
+
+
+def _pixels_as_rows(maps: Tensor) -> Tensor:
+    return maps.permute(0, 2, 3, 1).reshape(-1, maps.shape[1])
+
+
+class _Read(torch.autograd.Function):
+    """Sums of rows of a table; the gradient sorts the places by row, which is a sum of rows again."""
+
+    @staticmethod
+    def forward(ctx: Any, values: Tensor, read_from: Tensor, rows: Tensor, shares: Tensor) -> Tensor:
+        ctx.save_for_backward(rows, shares)
+        ctx.num_rows = len(values)
+        return F.embedding_bag(rows, read_from, mode="sum", per_sample_weights=shares.to(read_from.dtype))
+
+    @staticmethod
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None, None, None]:
+        rows, shares = ctx.saved_tensors
+        by_row, order = rows.flatten().sort(stable=True)
+        starts = torch.searchsorted(by_row, torch.arange(ctx.num_rows, device=rows.device, dtype=rows.dtype))
+        places = order.div(rows.shape[1], rounding_mode="floor")
+        sums = F.embedding_bag(
+            places, gradient.float(), starts, mode="sum", per_sample_weights=shares.flatten()[order]
+        )
+        return sums, None, None, None
 
 
 @dataclass(frozen=True)
@@ -66,6 +165,7 @@ class CameraTensors:
             self.size,
         )
 
+    @full_precision
     def project(self, points: Tensor) -> tuple[Tensor, Tensor]:
         """Pixels (n, p, 2) of workspace points (p, 3), and whether each was seen (n, p)."""
         rotation, translation = self.camera_from_workspace[:, :3, :3], self.camera_from_workspace[:, :3, 3:]
@@ -78,6 +178,18 @@ class CameraTensors:
         seen = (depth > 1e-3) & (u >= left) & (u < right) & (v >= top) & (v < bottom)
         return pixels.transpose(1, 2), seen
 
+    def corners(self, pixels: Tensor, shape: torch.Size) -> Corners:
+        """Where image pixels (n, p, 2) lie in maps of shape (n, c, h, w): places (n, p) in their table."""
+        height, width = shape[-2:]
+        left, right_share = _between((pixels[..., 0] + 0.5) * (width / self.size[0]) - 0.5, width)
+        top, lower_share = _between((pixels[..., 1] + 0.5) * (height / self.size[1]) - 0.5, height)
+        first = torch.arange(len(pixels), device=left.device, dtype=torch.int32) * (height * width)
+        rows = (top * width + left + first.unsqueeze(1)).unsqueeze(-1)
+        below, above = lower_share * right_share, (1 - lower_share) * right_share
+        shares = torch.stack([1 - lower_share - above, above, lower_share - below, below], dim=-1)
+        return Corners(rows + rows.new_tensor([0, 1, width, width + 1]), shares)
+
+    @full_precision
     def rays(self, view: int, pixels: Tensor) -> tuple[Tensor, Tensor]:
         """Origins (p, 3) and unit directions (p, 3) of the rays through pixels (p, 2) of one view."""
         ones = torch.ones_like(pixels[:, :1])
@@ -111,3 +223,23 @@ def sample_volume(volume: Tensor, unit: Tensor) -> Tensor:
         volume.unsqueeze(0), grid, mode="bilinear", padding_mode="border", align_corners=False
     )
     return values.reshape(volume.shape[0], -1)
+
+
+def volume_corners(unit: Tensor, resolution: int) -> Corners:
+    """The corners (p, 8) around points (p, 3) of the [-1, 1] cube, in a table (x y z, c) of its voxels."""
+    lower, share = _between((unit + 1) * (resolution / 2) - 0.5, resolution)
+    x, y, z = lower.unbind(-1)
+    rows = ((x * resolution + y) * resolution + z).unsqueeze(-1)
+    steps = [(i * resolution + j) * resolution + k for i in (0, 1) for j in (0, 1) for k in (0, 1)]
+    (x1, y1, z1), (x0, y0, z0) = share.unbind(-1), (1 - share).unbind(-1)
+    xy = [x0 * y0, x0 * y1, x1 * y0, x1 * y1]
+    return Corners(
+        rows + rows.new_tensor(steps), torch.stack([share * z for share in xy for z in (z0, z1)], dim=-1)
+    )
+
+
+def _between(places: Tensor, size: int) -> tuple[Tensor, Tensor]:
+    """Of places along an axis of `size` entries: the lower entry (int32), and the share of the next."""
+    places = places.clamp(0, size - 1)
+    lower = places.int().clamp_(max=size - 2)
+    return lower, places - lower

@@ -1,55 +1,113 @@
 """Linear attention (LoFTR's encoder layer), in the two forms the paper needs.
 
 With the feature map phi(x) = elu(x) + 1, a query attends to keys with weights phi(q) . phi(k), normalised
-to sum to one; no softmax. `ViewTransformer` works on a handful of tokens at very many points, so tensors
-there are (tokens, channels, points): every operation is a large matrix product or runs along the points.
+to sum to one; no softmax. Heads are never taken apart: the product with a matrix that is one where two
+channels share a head sums over the channels of each head and hands the sum to all of them. So there are only
+products with small matrices, and passes over whole tensors.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 import torch.nn.functional as F
-from einops import rearrange
 from torch import Tensor, nn
 
 EPSILON = 1e-6
 
 
+BLOCK = 2048
+"""Points for which all pairs of tokens fit the cache."""
+
+
 def positive(x: Tensor) -> Tensor:
     """The feature map elu(x) + 1 of linear attention."""
-    return F.elu(x) + 1
+    below = x.clamp(max=0)
+    return torch.exp(below) + (x - below)
 
 
-class ChannelNorm(nn.Module):
-    """Layer normalisation over the channels of (..., channels, points)."""
+class _AttendToTokens(torch.autograd.Function):
+    """Messages (m, p, d) to the first m of t tokens (t, p, d) at each of p points, from all of them.
 
-    def __init__(self, dim: int):
-        super().__init__()
-        self.weight = nn.Parameter(torch.ones(dim))
-        self.bias = nn.Parameter(torch.zeros(dim))
+    Block by block and query by query, so that what lies in between stays in the cache; weights of pairs are
+    made again for the gradient. `projections` are the matrices of queries, keys and values in one.
+    """
 
-    def forward(self, x: Tensor) -> Tensor:
-        """Same shape, zero mean and unit variance over the channels, then scaled and shifted."""
-        # Four times as fast as `var_mean`, which walks down the channels point by point.
-        centred = x - x.mean(-2, keepdim=True)
-        scale = torch.rsqrt(centred.square().mean(-2, keepdim=True) + 1e-5)
-        return torch.addcmul(self.bias[:, None], centred * scale, self.weight[:, None])
+    @staticmethod
+    def forward(ctx: Any, x: Tensor, num: int, projections: Tensor, same_head: Tensor) -> Tensor:
+        dim = x.shape[-1]
+        query = _positive_(F.linear(x[:num], projections[:dim]))
+        shared = F.linear(x, projections[dim:])
+        key, value = shared.split(dim, dim=-1)
+        _positive_(key)
+        message, total = torch.empty_like(query), torch.empty_like(query)
+        for block in _blocks(x.shape[1]):
+            keys, values = key[:, block], value[:, block]
+            for index in range(num):
+                weights = F.linear(query[index, block] * keys, same_head)
+                total[index, block] = _sum(weights).add_(EPSILON)
+                message[index, block] = _sum(weights.mul_(values)).div_(total[index, block])
+        ctx.save_for_backward(x, projections, same_head, query, shared, message, total)
+        return message
+
+    @staticmethod
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None, Tensor, None]:
+        x, projections, same_head, query, shared, message, total = ctx.saved_tensors
+        num, dim = len(query), x.shape[-1]
+        key, value = shared.split(dim, dim=-1)
+        to_query, to_shared = torch.empty_like(query), torch.zeros_like(shared)
+        to_key, to_value = to_shared.split(dim, dim=-1)
+        to_sum = gradient / total
+        to_total = to_sum * message
+        for block in _blocks(x.shape[1]):
+            keys, values = key[:, block], value[:, block]
+            for index in range(num):
+                one = query[index, block]
+                weights = F.linear(one * keys, same_head)
+                to_value[:, block].addcmul_(weights, to_sum[index, block])
+                torch.mul(values, to_sum[index, block], out=weights).sub_(to_total[index, block])
+                to_product = F.linear(weights, same_head)
+                to_key[:, block].addcmul_(to_product, one)
+                to_query[index, block] = _sum(to_product.mul_(keys))
+        to_query.mul_(query.clamp(max=1))
+        to_key.mul_(key.clamp(max=1))
+        to_x = to_shared @ projections[dim:]
+        to_x[:num] += to_query @ projections[:dim]
+        rows = to_query.flatten(0, 1).T @ x[:num].flatten(0, 1), to_shared.flatten(0, 1).T @ x.flatten(0, 1)
+        return to_x, None, torch.cat(rows), None
 
 
-class PointLinear(nn.Module):
-    """A bias-free linear layer on (..., channels, points), Xavier-initialised."""
+def _positive_(x: Tensor) -> Tensor:
+    """`positive` in place."""
+    below = x.clamp(max=0)
+    return x.sub_(below).add_(below.exp_())
 
-    def __init__(self, dim_in: int, dim_out: int):
-        super().__init__()
-        self.weight = nn.Parameter(torch.empty(dim_out, dim_in))
-        nn.init.xavier_uniform_(self.weight)
 
-    def forward(self, x: Tensor) -> Tensor:
-        """(..., dim_in, p) to (..., dim_out, p)."""
-        if x.dim() == 2:
-            return self.weight @ x
-        # `matmul` would fold the tokens into the points, which moves every tensor twice.
-        return torch.bmm(self.weight.expand(len(x), -1, -1), x)
+def _sum(x: Tensor) -> Tensor:
+    """The sum over the first axis; faster than PyTorch's in bfloat16."""
+    total = x[0].clone()
+    for other in x[1:]:
+        total.add_(other)
+    return total
+
+
+def _blocks(num: int) -> list[slice]:
+    return [slice(start, start + BLOCK) for start in range(0, num, BLOCK)]
+
+
+def linear(dim_in: int, dim_out: int) -> nn.Linear:
+    """A bias-free linear layer, Xavier-initialised."""
+    layer = nn.utils.skip_init(nn.Linear, dim_in, dim_out, bias=False)
+    nn.init.xavier_uniform_(layer.weight)
+    return layer
+
+
+def same_head(dim: int, heads: int) -> Tensor:
+    """(dim, dim): 1 where two channels belong to one head, else 0."""
+    if dim % heads:
+        raise ValueError(f"width {dim} is not a multiple of {heads} heads")
+    return torch.block_diag(*torch.ones(heads, dim // heads, dim // heads))
 
 
 class ViewTransformer(nn.Module):
@@ -59,70 +117,51 @@ class ViewTransformer(nn.Module):
     view features. There is no position encoding, so the order of the views does not matter.
     """
 
+    same_head: Tensor
+
     def __init__(self, dim: int, heads: int):
         super().__init__()
-        if dim % heads:
-            raise ValueError(f"token width {dim} is not a multiple of {heads} heads")
-        self.heads = heads
+        self.register_buffer("same_head", same_head(dim, heads), persistent=False)
         self.token = nn.Parameter(torch.randn(dim, 1))
-        self.query = PointLinear(dim, dim)
-        self.key = PointLinear(dim, dim)
-        self.value = PointLinear(dim, dim)
-        self.merge = PointLinear(dim, dim)
-        self.expand = PointLinear(2 * dim, 2 * dim)
-        self.contract = PointLinear(2 * dim, dim)
-        self.norm_message = ChannelNorm(dim)
-        self.norm_mlp = ChannelNorm(dim)
+        self.query = linear(dim, dim)
+        self.key = linear(dim, dim)
+        self.value = linear(dim, dim)
+        self.merge = linear(dim, dim)
+        self.expand = linear(2 * dim, 2 * dim)
+        self.contract = linear(2 * dim, dim)
+        self.norm_message = nn.LayerNorm(dim)
+        self.norm_mlp = nn.LayerNorm(dim)
 
     def forward(self, tokens: Tensor, need_views: bool) -> tuple[Tensor, Tensor | None]:
-        """Unified feature (d, p) of view tokens (n, d, p), and the view features (n, d, p) if needed.
+        """Unified feature (p, d) of view tokens (n, p, d), and the view features (n, p, d) if needed.
 
         Without `need_views` only the learnable token asks questions, which is a fraction of the work.
         """
-        points = tokens.shape[-1]
-        key = positive(self.key(tokens))
-        value = self.value(tokens)
-        token_key = positive(self.key(self.token)).expand(-1, points).unsqueeze(0)
-        token_value = self.value(self.token).expand(-1, points).unsqueeze(0)
-        key, value = torch.cat([token_key, key]), torch.cat([token_value, value])
-        unified = self._finish(
-            self.token.expand(-1, points), self._attend_constant(positive(self.query(self.token)), key, value)
-        )
+        learnable = self.token.T.to(tokens.dtype).expand(1, tokens.shape[1], -1)
+        x = torch.cat([learnable, tokens])
+        projections = torch.cat([layer.weight for layer in (self.query, self.key, self.value)])
+        num = len(x) if need_views else 1
+        message = _AttendToTokens.apply(x, num, projections.to(x.dtype), self.same_head.to(x.dtype))
+        attended = self._finish(x[:num], message)
         if not need_views:
-            return unified, None
-        queries = positive(self.query(tokens))
-        messages = torch.stack([self._attend(query, key, value) for query in queries])
-        return unified, self._finish(tokens, messages)
-
-    def _attend(self, query: Tensor, key: Tensor, value: Tensor) -> Tensor:
-        """Message (d, p) of one query token (d, p) to tokens (t, d, p)."""
-        scores = rearrange(query * key, "t (h d) p -> t h d p", h=self.heads).sum(2)
-        return self._weigh(scores, value)
-
-    def _attend_constant(self, query: Tensor, key: Tensor, value: Tensor) -> Tensor:
-        """The same for a query (d, 1) that all points share: scores become one matrix product."""
-        blocks = torch.block_diag(*rearrange(query, "(h d) one -> h one d", h=self.heads).unbind(0))
-        return self._weigh(torch.bmm(blocks.expand(len(key), -1, -1), key), value)
-
-    def _weigh(self, scores: Tensor, value: Tensor) -> Tensor:
-        weights = scores / (scores.sum(0, keepdim=True) + EPSILON)
-        split = rearrange(value, "t (h d) p -> t h d p", h=self.heads)
-        return rearrange((weights.unsqueeze(2) * split).sum(0), "h d p -> (h d) p")
+            return attended[0], None
+        unified, views = attended.split([1, len(tokens)])
+        return unified[0], views
 
     def _finish(self, x: Tensor, message: Tensor) -> Tensor:
         message = self.norm_message(self.merge(message))
-        mixed = self.contract(F.relu(self.expand(torch.cat([x, message], dim=-2))))
+        mixed = self.contract(F.relu(self.expand(torch.cat([x, message], dim=-1)), inplace=True))
         return x + self.norm_mlp(mixed)
 
 
 class RayTransformer(nn.Module):
     """The samples of one ray attend to each other (Eq. 6); tensors are (rays, samples, channels)."""
 
+    same_head: Tensor
+
     def __init__(self, dim: int, heads: int):
         super().__init__()
-        if dim % heads:
-            raise ValueError(f"ray feature width {dim} is not a multiple of {heads} heads")
-        self.heads = heads
+        self.register_buffer("same_head", same_head(dim, heads), persistent=False)
         self.query = nn.Linear(dim, dim, bias=False)
         self.key = nn.Linear(dim, dim, bias=False)
         self.value = nn.Linear(dim, dim, bias=False)
@@ -138,12 +177,9 @@ class RayTransformer(nn.Module):
 
     def forward(self, x: Tensor, asks: Tensor) -> Tensor:
         """Same shape as x (r, s, d). Samples that do not ask (`asks` (r, s) false) get no message in."""
-        heads = "r s (h d) -> r h s d"
-        query = rearrange(positive(self.query(x)) * asks.unsqueeze(-1), heads, h=self.heads)
-        key = rearrange(positive(self.key(x)), heads, h=self.heads)
-        value = rearrange(self.value(x), heads, h=self.heads) / x.shape[1]
-        context = key.transpose(-1, -2) @ value
-        total = query @ key.sum(dim=2).unsqueeze(-1)
-        message = (query @ context) / (total + EPSILON) * x.shape[1]
-        message = self.norm_message(self.merge(rearrange(message, "r h s d -> r s (h d)")))
+        query = positive(self.query(x)) * asks.unsqueeze(-1)
+        key, value = positive(self.key(x)), self.value(x)
+        context = (key.transpose(1, 2) @ value) * self.same_head.to(value.dtype)
+        total = F.linear(query * key.sum(1, keepdim=True), self.same_head)
+        message = self.norm_message(self.merge((query @ context) / (total + EPSILON)))
         return x + self.norm_mlp(self.mlp(torch.cat([x, message], dim=-1)))

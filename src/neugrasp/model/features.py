@@ -7,16 +7,27 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from neugrasp.model.config import ModelConfig
+from neugrasp.model.norm import GroupNorm
 
 
-def conv3x3(channels_in: int, channels_out: int, stride: int = 1) -> nn.Conv2d:
-    """A bias-free 3 x 3 convolution with reflected borders."""
-    return nn.Conv2d(channels_in, channels_out, 3, stride, 1, bias=False, padding_mode="reflect")
+class ReflectedConv(nn.Conv2d):
+    """A bias-free convolution with reflected borders."""
+
+    def __init__(self, channels_in: int, channels_out: int, kernel: int = 3, stride: int = 1):
+        super().__init__(channels_in, channels_out, kernel, stride, bias=False)
+        self.border = (kernel // 2,) * 4
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(n, channels_in, h, w) to (n, channels_out, h / stride, w / stride)."""
+        # Autocast would make borders in float32.
+        with torch.autocast(x.device.type, enabled=False):
+            bordered = F.pad(x, self.border, mode="reflect")
+        return super().forward(bordered)
 
 
-def norm(channels: int) -> nn.InstanceNorm2d:
-    """Instance normalisation with learned scale; it keeps no statistics, so one photo is enough."""
-    return nn.InstanceNorm2d(channels, affine=True)
+def norm(channels: int) -> GroupNorm:
+    """Instance normalisation with learned scale."""
+    return GroupNorm(channels, channels)
 
 
 class ResidualBlock(nn.Module):
@@ -25,10 +36,10 @@ class ResidualBlock(nn.Module):
     def __init__(self, channels_in: int, channels_out: int, stride: int):
         super().__init__()
         self.body = nn.Sequential(
-            conv3x3(channels_in, channels_out, stride),
+            ReflectedConv(channels_in, channels_out, stride=stride),
             norm(channels_out),
             nn.ReLU(),
-            conv3x3(channels_out, channels_out),
+            ReflectedConv(channels_out, channels_out),
             norm(channels_out),
         )
         self.shortcut: nn.Module = nn.Identity()
@@ -49,7 +60,7 @@ def _stage(channels_in: int, channels_out: int, blocks: int) -> nn.Sequential:
 
 
 def _fuse(channels_in: int, channels_out: int) -> nn.Sequential:
-    return nn.Sequential(conv3x3(channels_in, channels_out), norm(channels_out), nn.ELU())
+    return nn.Sequential(ReflectedConv(channels_in, channels_out), norm(channels_out), nn.ELU())
 
 
 class FeatureNet(nn.Module):
@@ -59,9 +70,7 @@ class FeatureNet(nn.Module):
         super().__init__()
         first, second, third = (config.encoder_width * k for k in (1, 2, 4))
         blocks = config.encoder_blocks
-        self.stem = nn.Sequential(
-            nn.Conv2d(3, first, 7, 2, 3, bias=False, padding_mode="reflect"), norm(first), nn.ReLU()
-        )
+        self.stem = nn.Sequential(ReflectedConv(3, first, kernel=7, stride=2), norm(first), nn.ReLU())
         self.stage1 = _stage(first, first, blocks[0])
         self.stage2 = _stage(first, second, blocks[1])
         self.stage3 = _stage(second, third, blocks[2])
@@ -73,7 +82,7 @@ class FeatureNet(nn.Module):
 
     def forward(self, images: Tensor) -> Tensor:
         """Feature maps at a quarter of the images' resolution."""
-        quarter = self.stage1(self.stem(images))
+        quarter = self.stage1(self.stem(images.contiguous(memory_format=torch.channels_last)))
         eighth = self.stage2(quarter)
         x = self.stage3(eighth)
         x = self.join2(torch.cat([self.up2(_double(x)), eighth], dim=1))

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
+from einops import rearrange
 from torch import Tensor, nn
 
-from neugrasp.geometry.sampling import sample_images, sample_volume
+from neugrasp.geometry.sampling import sample_volume
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.config import ModelConfig
 from neugrasp.model.features import FeatureNet, ResidualAttention
@@ -19,6 +20,9 @@ from neugrasp.model.volumes import VolumeNet
 
 GRID_SAMPLES = 64
 """Samples on a ray through the grid: about one for every voxel that it meets."""
+
+
+Maps = tuple[Tensor, ...]
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,7 @@ class NeuGrasp(nn.Module):
     def encode(self, images: Tensor) -> Tensor:
         """Feature maps (n, d, s / 4, s / 4) of images (n, 3, s, s)."""
         maps: Tensor = self.features(images)
-        return maps
+        return maps.float()
 
     def encode_backgrounds(self, views: ViewTensors) -> Tensor | None:
         """Feature maps of the backgrounds, which may be kept for as long as the cell stays as it is."""
@@ -70,29 +74,22 @@ class NeuGrasp(nn.Module):
 
     def reconstruct(self, scene: Tensor, background: Tensor | None, views: ViewTensors) -> Reconstruction:
         """The field and its values on the grid, from the feature maps of photos and backgrounds."""
-        maps = self._field_maps(scene, background)
-        centres = torch.from_numpy(self.workspace.voxel_centres()).to(scene).reshape(-1, 3)
-        pixels, seen = views.cameras.project(centres)
-        prior_maps = scene if background is None else torch.cat([scene, scene - background], dim=1)
-        sampled = sample_images(
-            torch.cat([prior_maps, maps[:, scene.shape[1] :]], 1), pixels, views.cameras.size
-        )
-        dim = self.config.feature_dim
-        volumes = [self.volumes(sampled[:, :dim], seen)]
-        if background is not None and self.config.use_occupancy_prior:
-            volumes.append(self.volumes(sampled[:, dim : 2 * dim], seen))
-        encoded = EncodedViews(views.images, maps, tuple(volumes), views.cameras, self.workspace)
-        at_voxels = sampled[:, :dim]
-        if background is not None:
-            at_voxels = torch.cat([at_voxels, sampled[:, 2 * dim :]], dim=1)
-        sdf = self.field.on_grid(encoded, at_voxels, seen)
+        maps, priors = self._field_maps(scene, background)
+        centres = torch.from_numpy(self.workspace.voxel_centres()).to(scene)
+        pixels, seen = views.cameras.project(centres.reshape(-1, 3))
+        voxels = views.cameras.corners(pixels, scene.shape).where(seen)
+        volumes = rearrange(self.volumes(priors, voxels, seen), "k c x y z -> x y z (k c)").float()
+        encoded = EncodedViews(views.images, maps, volumes, views.cameras, self.workspace)
+        sdf = self.field.on_grid(encoded, voxels, seen)
         return Reconstruction(encoded, sdf, seen.any(0).reshape(sdf.shape))
 
-    def _field_maps(self, scene: Tensor, background: Tensor | None) -> Tensor:
+    def _field_maps(self, scene: Tensor, background: Tensor | None) -> tuple[Maps, Maps]:
+        """What the view transformers read, and what the prior volumes are made from."""
         if background is None:
-            return scene
+            return (scene,), (scene,)
         attended = scene if self.residual is None else self.residual(scene, background)
-        return torch.cat([scene, attended], dim=1)
+        priors = (scene, scene - background) if self.config.use_occupancy_prior else (scene,)
+        return (scene, attended.float()), priors
 
     def sharpness(self, scheduled: float) -> Tensor:
         """NeuS sharpness in 1 / metre: learned if the model learns it, else the schedule's value."""

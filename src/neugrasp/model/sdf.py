@@ -9,9 +9,10 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from neugrasp.geometry.sampling import CameraTensors, sample_images, sample_volume
+from neugrasp.geometry.sampling import CameraTensors, Corners, Table, volume_corners
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.attention import RayTransformer, ViewTransformer
+from neugrasp.model.chunks import in_chunks
 from neugrasp.model.config import ModelConfig
 
 ORDER_DIM = 8
@@ -24,12 +25,29 @@ class EncodedViews:
 
     images: Tensor
     """(n, 3, s, s) RGB, for the colours."""
-    maps: Tensor
-    """(n, c, h, w): scene features, then foreground features where the model has them."""
-    volumes: tuple[Tensor, ...]
-    """Shape prior (c, r, r, r), then the occupancy prior where the model has one."""
+    maps: tuple[Tensor, ...]
+    """Scene features (n, c, h, w), then foreground features where the model has them."""
+    volumes: Tensor
+    """(r, r, r, k c): the shape prior at the voxels, then the occupancy prior where the model has one."""
     cameras: CameraTensors
     workspace: Workspace
+
+
+@dataclass(frozen=True)
+class Places:
+    """Points along rays, and what the scene shows there."""
+
+    points: Tensor
+    """(r, s, 3) workspace metres."""
+    tokens: tuple[Tensor, ...]
+    """Of the views (n, r s, d), for each branch."""
+    seen: Tensor
+    """(n, r s) bool."""
+
+    @property
+    def num_seen(self) -> Tensor:
+        """(r, s) how many views see each point."""
+        return self.seen.sum(0).reshape(self.points.shape[:2])
 
 
 @dataclass(frozen=True)
@@ -42,6 +60,16 @@ class FieldSamples:
     """(r, s, 3) in [0, 1], blended from the views; None where it was not asked for."""
     num_seen: Tensor
     """(r, s) how many views see the point."""
+
+    @classmethod
+    def joined(cls, parts: list[FieldSamples]) -> FieldSamples:
+        """Of some rays, and of others."""
+        colours = [part.colour for part in parts if part.colour is not None]
+        return cls(
+            torch.cat([part.sdf for part in parts]),
+            torch.cat(colours) if colours else None,
+            torch.cat([part.num_seen for part in parts]),
+        )
 
 
 def order_encoding(num: int, like: Tensor) -> Tensor:
@@ -103,68 +131,81 @@ class SdfField(nn.Module):
 
         With `eye`, the centre (3,) of the camera that looks along the rays, colours come too.
         """
-        rays, samples, _ = points.shape
-        flat = points.reshape(-1, 3)
-        pixels, seen = scene.cameras.project(flat)
-        maps = sample_images(scene.maps, pixels, scene.cameras.size) * seen.unsqueeze(1)
-        volumes = [sample_volume(volume, scene.workspace.to_unit(flat)) for volume in scene.volumes]
-        num_seen = seen.sum(0).reshape(rays, samples)
-        unified, views = self._attend(maps, volumes, need_views=eye is not None)
-        sdf = self._decode(unified, points, num_seen, scene.workspace)
-        if eye is None or views is None:
-            return FieldSamples(sdf, None, num_seen)
-        colour = self._blend(scene, views, flat, pixels, seen, eye)
-        return FieldSamples(sdf, colour.reshape(rays, samples, 3), num_seen)
+        num, samples, _ = points.shape
+        order = order_encoding(samples, points)
+        maps = [Table.of_maps(one) for one in scene.maps]
+        volumes, images = Table.of(scene.volumes.flatten(0, 2)), Table.of_images(scene.images)
 
-    def on_grid(self, scene: EncodedViews, maps: Tensor, seen: Tensor) -> Tensor:
-        """Signed distance (r, r, r) at the voxel centres, from `maps` (n, c, r^3) sampled there.
+        def field(start: int, stop: int) -> FieldSamples:
+            flat = points[start:stop].flatten(0, 1)
+            pixels, seen = scene.cameras.project(flat)
+            corners = scene.cameras.corners(pixels, scene.maps[0].shape).where(seen)
+            within = volume_corners(scene.workspace.to_unit(flat), scene.workspace.resolution)
+            places = Places(points[start:stop], self._tokens(maps, corners, within.read(volumes)), seen)
+            sdf, views = self._along(places, order, scene.workspace, need_views=eye is not None)
+            if eye is None or views is None:
+                return FieldSamples(sdf, None, places.num_seen)
+            colours = scene.cameras.corners(pixels, scene.images.shape).read(images)
+            weights = self._blending_weights(views, scene.cameras, places, eye)
+            colour = (weights * colours).sum(0).reshape(places.points.shape)
+            return FieldSamples(sdf, colour, places.num_seen)
 
-        Every column is a ray seen from straight above, so samples run from the top down.
+        return FieldSamples.joined(in_chunks(field, num, points.device, samples, self.config.recompute))
+
+    def on_grid(self, scene: EncodedViews, voxels: Corners, seen: Tensor) -> Tensor:
+        """Signed distance (r, r, r) at the voxel centres, whose places (n, r^3) in the maps are known.
+
+        Every column is a ray seen from straight above: its samples count from the top down.
         """
-        resolution = scene.workspace.resolution
-        volumes = [volume.flatten(1) for volume in scene.volumes]
-        unified, _ = self._attend(maps * seen.unsqueeze(1), volumes, need_views=False)
-        centres = torch.from_numpy(scene.workspace.voxel_centres()).to(maps)
-        columns = centres.reshape(resolution**2, resolution, 3).flip(1)
-        unified = unified.reshape(-1, resolution**2, resolution).flip(2).flatten(1)
-        num_seen = seen.sum(0).reshape(resolution**2, resolution).flip(1)
-        sdf = self._decode(unified, columns, num_seen, scene.workspace)
-        return sdf.flip(1).reshape(resolution, resolution, resolution)
+        edge = scene.workspace.resolution
+        columns = torch.from_numpy(scene.workspace.voxel_centres()).to(scene.volumes).flatten(0, 1)
+        order = order_encoding(edge, columns).flip(0)
+        maps, priors = [Table.of_maps(one) for one in scene.maps], scene.volumes.flatten(0, 2)
 
-    def _attend(self, maps: Tensor, volumes: list[Tensor], need_views: bool) -> tuple[Tensor, Tensor | None]:
-        """Unified features (sum of dims, p) and, if needed, view features (n, sum of dims, p)."""
-        branches = maps.split(self.config.feature_dim, dim=1)
-        unified, views = [], []
-        for index, (transformer, branch) in enumerate(zip(self.view_transformers, branches, strict=True)):
-            tokens = branch
-            if index < len(volumes):
-                shared = volumes[index].unsqueeze(0).expand(len(branch), -1, -1)
-                tokens = torch.cat([branch, shared], dim=1)
-            point, per_view = transformer(tokens, need_views)
-            unified.append(point)
-            views.append(per_view)
-        return torch.cat(unified), torch.cat(views, dim=1) if need_views else None
+        def field(start: int, stop: int) -> Tensor:
+            part = slice(start * edge, stop * edge)
+            tokens = self._tokens(maps, voxels.part(part), priors[part])
+            places = Places(columns[start:stop], tokens, seen[:, part])
+            return self._along(places, order, scene.workspace, need_views=False)[0]
 
-    def _decode(self, unified: Tensor, points: Tensor, num_seen: Tensor, workspace: Workspace) -> Tensor:
-        rays, samples, _ = points.shape
-        about_centre = points.reshape(-1, 3) - torch.from_numpy(workspace.centre).to(points)
-        x = self.fusion(unified.T)
-        x = self.position(torch.cat([x, position_encoding(about_centre)], dim=1))
-        x = x.reshape(rays, samples, -1)
-        order = order_encoding(samples, x).expand(rays, -1, -1)
-        x = self.ray_transformer(torch.cat([x, order], dim=-1), asks=num_seen > 1)
-        sdf = self.decoder(x).squeeze(-1) + table_distance(points[..., 2], workspace)
-        return torch.where(num_seen > 0, sdf, torch.ones_like(sdf))
+        return torch.cat(in_chunks(field, edge**2, columns.device, edge, self.config.recompute)).reshape(
+            edge, edge, edge
+        )
 
-    def _blend(
-        self, scene: EncodedViews, views: Tensor, flat: Tensor, pixels: Tensor, seen: Tensor, eye: Tensor
-    ) -> Tensor:
-        """Colours (p, 3): a softmax over the views that see the point."""
-        towards_views = F.normalize(scene.cameras.centres.unsqueeze(1) - flat, dim=-1)
+    def _tokens(self, maps: list[Table], corners: Corners, priors: Tensor) -> tuple[Tensor, ...]:
+        """View tokens (n, p, d) of each branch: what its maps show, with its prior where it has one."""
+        tokens = [corners.read(table) for table in maps]
+        for index, prior in enumerate(priors.split(self.config.volume_dim, dim=-1)):
+            shared = prior.to(tokens[index].dtype).expand(len(tokens[index]), -1, -1)
+            tokens[index] = torch.cat([tokens[index], shared], dim=-1)
+        return tuple(tokens)
+
+    def _along(
+        self, places: Places, order: Tensor, workspace: Workspace, need_views: bool
+    ) -> tuple[Tensor, Tensor | None]:
+        """Signed distance (r, s) along rays, and view features (n, r s, sum of dims) if needed."""
+        branches = zip(self.view_transformers, places.tokens, strict=True)
+        attended = [transformer(tokens, need_views) for transformer, tokens in branches]
+        sdf = self._decode(torch.cat([unified for unified, _ in attended], dim=-1), places, order, workspace)
+        return sdf, torch.cat([views for _, views in attended], dim=-1) if need_views else None
+
+    def _decode(self, unified: Tensor, places: Places, order: Tensor, workspace: Workspace) -> Tensor:
+        about_centre = places.points.flatten(0, 1) - torch.from_numpy(workspace.centre).to(order)
+        x = self.fusion(unified)
+        x = self.position(torch.cat([x, position_encoding(about_centre).to(x.dtype)], dim=-1))
+        x = x.unflatten(0, places.points.shape[:2])
+        x = torch.cat([x, order.to(x.dtype).expand(len(x), -1, -1)], dim=-1)
+        x = self.ray_transformer(x, asks=places.num_seen > 1)
+        sdf = self.decoder(x).squeeze(-1) + table_distance(places.points[..., 2], workspace)
+        return torch.where(places.num_seen > 0, sdf, torch.ones_like(sdf))
+
+    def _blending_weights(self, views: Tensor, cameras: CameraTensors, places: Places, eye: Tensor) -> Tensor:
+        """How much each view's colour counts (n, p, 1): a softmax over the views that see the point."""
+        flat = places.points.flatten(0, 1)
+        towards_views = F.normalize(cameras.centres.unsqueeze(1) - flat, dim=-1)
         towards_eye = F.normalize(eye - flat, dim=-1)
         difference = towards_views - towards_eye
         cosine = (towards_views * towards_eye).sum(-1, keepdim=True)
-        x = torch.cat([views.transpose(1, 2), difference, cosine], dim=-1)
-        logits = self.blending(x).squeeze(-1).masked_fill(~seen, -1e9)
-        weights = torch.softmax(logits, dim=0).unsqueeze(1)
-        return (weights * sample_images(scene.images, pixels, scene.cameras.size)).sum(0).T
+        directions = torch.cat([difference, cosine], dim=-1).to(views.dtype)
+        x = self.blending(torch.cat([views, directions], dim=-1))
+        return torch.softmax(x.float().masked_fill(~places.seen.unsqueeze(-1), -1e9), dim=0)

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import torch
 import torch.nn.functional as F
+from einops import rearrange
 from torch import Tensor, nn
 
+from neugrasp.geometry.sampling import Corners, Table
+from neugrasp.model.chunks import in_chunks
 from neugrasp.model.config import ModelConfig
+from neugrasp.model.norm import GroupNorm
 
 
 def masked_mean_and_variance(features: Tensor, seen: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean and variance (c, p) over the views of features (n, c, p) where `seen` (n, p); 0 where none is."""
-    weights = (seen / seen.sum(0, keepdim=True).clamp(min=1)).unsqueeze(1)
+    """Mean and variance (p, c) over the views of features (n, p, c) where `seen` (n, p); 0 where none is."""
+    weights = (seen / seen.sum(0, keepdim=True).clamp(min=1)).unsqueeze(-1)
     mean = (weights * features).sum(0)
     return mean, (weights * (features - mean).square()).sum(0)
 
@@ -19,7 +23,7 @@ def masked_mean_and_variance(features: Tensor, seen: Tensor) -> tuple[Tensor, Te
 def _block(channels_in: int, channels_out: int, stride: int = 1) -> nn.Sequential:
     return nn.Sequential(
         nn.Conv3d(channels_in, channels_out, 3, stride, 1, bias=False),
-        nn.GroupNorm(max(1, channels_out // 8), channels_out),
+        GroupNorm(max(1, channels_out // 8), channels_out),
         nn.ReLU(),
     )
 
@@ -47,6 +51,7 @@ class VolumeNet(nn.Module):
         super().__init__()
         dim, volume = config.feature_dim, config.volume_dim
         a, b, c, d = config.volume_hidden
+        self.recompute = config.recompute
         self.reduce = nn.Sequential(
             nn.Linear(dim, dim), nn.ReLU(), nn.Linear(dim, volume), nn.ReLU(), nn.Linear(volume, volume // 2)
         )
@@ -57,16 +62,27 @@ class VolumeNet(nn.Module):
         self.up3, self.up2, self.up1 = _Up(d, c), _Up(c, b), _Up(b, a)
         self.out = nn.Conv3d(a, volume, 3, 1, 1)
 
-    def forward(self, features: Tensor, seen: Tensor) -> Tensor:
-        """Volume (c, r, r, r) from features (n, dim, r^3) read at the voxels [x, y, z], and `seen`."""
-        resolution = round(features.shape[-1] ** (1 / 3))
-        reduced = self.reduce(features.transpose(1, 2)).transpose(1, 2)
-        mean, variance = masked_mean_and_variance(reduced, seen.to(reduced.dtype))
-        x0 = torch.cat([mean, variance]).reshape(1, -1, resolution, resolution, resolution)
-        x0 = self.enter(x0)
+    def forward(self, maps: tuple[Tensor, ...], voxels: Corners, seen: Tensor) -> Tensor:
+        """Volumes (k, c, r, r, r), one for each of k maps (n, dim, h, w) of n views.
+
+        `voxels` (n, r^3) are the places of the voxels [x, y, z] in the maps; `seen` (n, r^3).
+        """
+        tables = [Table.of_maps(one) for one in maps]
+
+        def summaries(start: int, stop: int) -> Tensor:
+            part = slice(start, stop)
+            places = voxels.part(part)
+            features = [self.reduce(places.read(table)) for table in tables]
+            return torch.stack(
+                [torch.cat(masked_mean_and_variance(one, seen[:, part]), -1) for one in features]
+            )
+
+        num = seen.shape[1]
+        x = torch.cat(in_chunks(summaries, num, seen.device, recompute=self.recompute), dim=1)
+        edge = round(num ** (1 / 3))
+        x0 = self.enter(rearrange(x, "k (x y z) c -> k c x y z", x=edge, y=edge))
         x1 = self.down1(x0)
         x2 = self.down2(x1)
         x3 = self.down3(x2)
-        x = self.up1(self.up2(self.up3(x3, x2), x1), x0)
-        volume: Tensor = self.out(x).squeeze(0)
-        return volume
+        volumes: Tensor = self.out(self.up1(self.up2(self.up3(x3, x2), x1), x0))
+        return volumes

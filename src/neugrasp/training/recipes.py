@@ -21,6 +21,7 @@ def small() -> TrainConfig:
         coarse_samples=32,
         fine_samples=24,
         encoder_blocks=(2, 2, 3),
+        recompute=False,
     )
     return TrainConfig(
         model=model,

@@ -1,0 +1,24 @@
+"""Group normalisation of maps and volumes whose channels lie last in memory."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+SMALL = 1024
+"""Pixels or voxels from which on PyTorch normalises fast where channels lie last."""
+
+
+class GroupNorm(nn.GroupNorm):
+    """Instance normalisation with as many groups as channels; it keeps no statistics, so one scene is enough.
+
+    Where channels lie last, PyTorch's gradient is ten times as slow as where they come first, small maps are,
+    and the variance is a difference of two sums, which costs three digits: none that bfloat16 had.
+    """
+
+    def forward(self, x: Tensor) -> Tensor:
+        """The same shape (b, c, ...), and the same order in memory."""
+        if x.dtype == torch.bfloat16 and x[0, 0].numel() >= SMALL and not torch.is_grad_enabled():
+            return super().forward(x)
+        last = torch.channels_last if x.dim() == 4 else torch.channels_last_3d
+        return super().forward(x.contiguous()).contiguous(memory_format=last)
