@@ -122,6 +122,7 @@ def test_render_glass(run: Run, tmp_path: Path) -> None:
         assert not np.array_equal(view.image, view.background)
 
 
+@pytest.mark.slow
 def test_train_tiny(run: Run, ball: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.WARNING)
     printed = run("04", "--data", ball.parent, "--validation", ball.parent, "--steps", 4)

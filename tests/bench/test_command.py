@@ -40,6 +40,7 @@ def _tiny(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("_tiny")
+@pytest.mark.slow
 def test_the_file_holds_every_stage_with_its_floor(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     file = tmp_path / "new" / "speed.json"
     arguments = ["bench", "--rounds", "2", "--views", "3", "--seed", "4", "--json", str(file)]

@@ -41,6 +41,7 @@ def losses_of(out: Path) -> list[float]:
     return [line["loss"] for line in lines if "loss" in line]
 
 
+@pytest.mark.slow
 def test_stopped_and_resumed_equals_never_stopped(data, held_out, tmp_path):
     """Stopped inside the head's stage and inside the joint one, between two checkpoints each time."""
     whole = TrainRun(recipe="tiny", data=(data,), out=tmp_path / "whole", validation=(held_out,))

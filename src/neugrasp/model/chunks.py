@@ -25,7 +25,7 @@ def in_chunks(
     num: int,
     device: torch.device,
     points_each: int = 1,
-    recompute: bool = True,
+    recompute: bool = False,
 ) -> list[T]:
     """What `function(start, stop)` gives for consecutive pieces of `num` things of so many points each."""
     points = POINTS[device.type] * (WITH_GRADIENT if torch.is_grad_enabled() else 1)

@@ -21,7 +21,6 @@ def small() -> TrainConfig:
         coarse_samples=32,
         fine_samples=24,
         encoder_blocks=(2, 2, 3),
-        recompute=False,
     )
     return TrainConfig(
         model=model,
