@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.errors import InputError
-from neugrasp.export import read_grasps, whole_or_nothing, write_grasps, write_surface, write_tsdf
+from neugrasp.export import read_grasps, write_grasps, write_surface, write_tsdf
 from neugrasp.geometry.pose import from_quaternion
 from neugrasp.geometry.surface import surface_of
 from neugrasp.geometry.workspace import Workspace

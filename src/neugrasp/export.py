@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image as Picture
 
-from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import from_quaternion, to_quaternion
 from neugrasp.geometry.surface import Surface, surface_of
@@ -23,16 +23,6 @@ from neugrasp.views import Image, Views
 
 if TYPE_CHECKING:
     from neugrasp.detection.detector import Detection
-
-__all__ = [
-    "read_grasps",
-    "whole_or_nothing",
-    "write_grasps",
-    "write_picture",
-    "write_prediction",
-    "write_surface",
-    "write_tsdf",
-]
 
 FORMAT = "neugrasp-grasps"
 VERSION = 1
@@ -82,7 +72,7 @@ def write_grasps(
 
 def read_grasps(file: Path) -> list[Grasp]:
     """The grasps of a `grasps.json`, world frame. Raises `InputError` naming the file."""
-    try:
+    with naming_the_list(file):
         data = json.loads(file.read_text(encoding="utf-8"))
         if data["format"] != FORMAT or data["version"] != VERSION:
             raise InputError(f"{file}: not a {FORMAT} file of version {VERSION}")
@@ -94,6 +84,13 @@ def read_grasps(file: Path) -> list[Grasp]:
             )
             for entry in data["grasps"]
         ]
+
+
+@contextmanager
+def naming_the_list(file: Path) -> Iterator[None]:
+    """Whatever is wrong with a list of grasps becomes an `InputError` that names its file."""
+    try:
+        yield
     except FileNotFoundError:
         raise InputError(f"{file}: missing") from None
     except InputError:

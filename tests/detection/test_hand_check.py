@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import ConvexHull, cKDTree
 
 from neugrasp.detection.decode import Prediction, SelectionConfig, select_grasps
-from neugrasp.detection.hand_check import HandCheck, HandProbe
+from neugrasp.detection.hand_check import HandCheck
 from neugrasp.geometry.pose import rigid, rotation_about
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
@@ -32,7 +32,7 @@ def passes(
     gripper: Gripper, position: tuple[float, float, float], turn: np.ndarray = DOWN
 ) -> tuple[bool, bool]:
     poses = rigid(turn, position)[None]
-    holds, is_free = HandProbe(gripper).passes(HandCheck(), box_on_a_table(), WORKSPACE, poses)
+    holds, is_free = HandCheck(gripper).passes(box_on_a_table(), WORKSPACE, poses)
     return bool(holds[0]), bool(is_free[0])
 
 
@@ -63,7 +63,7 @@ def test_what_cannot_be_held_is_told_by_its_cause(name: str, position, expected)
 def test_the_skin_is_dense_and_lies_on_the_hand(name: str):
     """Every corner of the hand is a point, no point sticks out, and no gap is wider than 2.4 cm."""
     gripper = Gripper.load(name)
-    points = HandProbe(gripper).hand + np.array([0, 0, gripper.tcp_height])
+    points = HandCheck(gripper).hand + np.array([0, 0, gripper.tcp_height])
     mount = np.array([0, gripper.max_opening / 2, gripper.finger_mount])
     hulls = [*gripper.palm.hulls, *(hull + mount for hull in gripper.finger.hulls)]
     hulls += [(hull + mount) * [-1, -1, 1] for hull in gripper.finger.hulls]
@@ -85,7 +85,7 @@ def test_the_skin_is_dense_and_lies_on_the_hand(name: str):
 
 def test_the_check_does_not_depend_on_where_the_voxels_are_cut():
     """Moved with its scene by whole voxels, or turned by a quarter with it, a grasp is judged alike."""
-    probe = HandProbe(Gripper.load("panda"))
+    probe = HandCheck(Gripper.load("panda"))
     rng = np.random.default_rng(0)
     points = CENTRE + rng.uniform(-0.05, 0.05, size=(60, 3))
     poses = np.stack([rigid(DOWN @ rotation_about((0, 0, 1), rng.uniform(0, 3)), point) for point in points])
@@ -119,7 +119,7 @@ def test_selection_counts_what_the_hand_forbids(peak: tuple[int, int, int], reas
     prediction = Prediction(tsdf, quality, rotation, np.full_like(tsdf, 5.0))
     blind = select_grasps(prediction, WORKSPACE, gripper)
     assert len(blind.grasps) == 1
-    checked = select_grasps(prediction, WORKSPACE, gripper, SelectionConfig(hand=HandCheck()))
+    checked = select_grasps(prediction, WORKSPACE, gripper, SelectionConfig(hand=HandCheck(gripper)))
     assert len(checked.grasps) == (reason is None)
     if reason is not None:
         assert checked.rejected[reason] == 1

@@ -17,7 +17,8 @@ from neugrasp import cli
 from neugrasp.data.records import Record, read_record, write_record
 from neugrasp.errors import InputError
 from neugrasp.evaluation import held_out
-from neugrasp.evaluation.held_out import DETECTORS, HeldOutRun, run_held_out
+from neugrasp.evaluation.commands import Validate
+from neugrasp.evaluation.held_out import DETECTORS, run_held_out
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.metrics import L1_MASKS, l1_by_mask, wilson_interval
 from neugrasp.model.checkpoint import save_checkpoint
@@ -79,14 +80,14 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def run(data: Path, weights: str, tmp_path_factory: pytest.TempPathFactory) -> HeldOutRun:
+def run(data: Path, weights: str, tmp_path_factory: pytest.TempPathFactory) -> Validate:
     """With a threshold so low that even a random network grasps somewhere."""
     out = tmp_path_factory.mktemp("out")
-    return HeldOutRun(data=(data,), out=out, weights=weights, threshold=0.01, hand_check=False)
+    return Validate(data=(data,), out=out, weights=weights, threshold=0.01, hand_check=False)
 
 
 @pytest.fixture(scope="module")
-def summary(run: HeldOutRun) -> dict[str, Any]:
+def summary(run: Validate) -> dict[str, Any]:
     return run_held_out(run)
 
 
@@ -94,7 +95,7 @@ def attempts_in(out: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in (out / "attempts.jsonl").read_text().splitlines()]
 
 
-def test_every_record_is_tried_once_by_every_detector(run: HeldOutRun, summary: dict[str, Any]) -> None:
+def test_every_record_is_tried_once_by_every_detector(run: Validate, summary: dict[str, Any]) -> None:
     attempts = attempts_in(run.out)
     tried = [(attempt["record"], attempt["detector"]) for attempt in attempts]
     names = [f"{kind}-{seed}" for seed, kind in enumerate(KINDS)]
@@ -105,7 +106,7 @@ def test_every_record_is_tried_once_by_every_detector(run: HeldOutRun, summary: 
         assert (attempt["num_grasps"] == 0) == (attempt["reason"] == "nothing detected")
 
 
-def test_the_summary_counts_what_was_tried(run: HeldOutRun, summary: dict[str, Any]) -> None:
+def test_the_summary_counts_what_was_tried(run: Validate, summary: dict[str, Any]) -> None:
     attempts = attempts_in(run.out)
     assert set(summary["success"]) == {f"{kind}/{d}" for kind in KINDS for d in DETECTORS}
     for name, row in summary["success"].items():
@@ -120,7 +121,7 @@ def test_the_summary_counts_what_was_tried(run: HeldOutRun, summary: dict[str, A
     assert json.loads((run.out / "held_out.json").read_text()) == summary
 
 
-def test_surfaces_are_judged_by_material(run: HeldOutRun, summary: dict[str, Any], data: Path) -> None:
+def test_surfaces_are_judged_by_material(run: Validate, summary: dict[str, Any], data: Path) -> None:
     assert set(summary["by_material"]) == {"diffuse", "transparent-specular"}
     record = read_record(data / "scenes" / "packed-1")
     scores = summary["by_material"]["diffuse"]
@@ -135,7 +136,7 @@ def test_surfaces_are_judged_by_material(run: HeldOutRun, summary: dict[str, Any
 @pytest.mark.parametrize("keep", [0, 1, 4, 7])
 def test_a_run_goes_on_where_its_file_was_cut(
     keep: int,
-    run: HeldOutRun,
+    run: Validate,
     summary: dict[str, Any],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -160,7 +161,7 @@ def test_a_run_goes_on_where_its_file_was_cut(
 
 
 def test_attempts_of_two_networks_are_never_mixed(
-    run: HeldOutRun, summary: dict[str, Any], tmp_path: Path
+    run: Validate, summary: dict[str, Any], tmp_path: Path
 ) -> None:
     before = (run.out / "attempts.jsonl").read_bytes()
     other = write_weights(tmp_path / "other.safetensors", seed=1)
@@ -173,13 +174,13 @@ def test_attempts_of_two_networks_are_never_mixed(
     assert (run.out / "attempts.jsonl").read_bytes() == before
 
 
-def test_records_of_one_name_are_refused(run: HeldOutRun, data: Path, tmp_path: Path) -> None:
+def test_records_of_one_name_are_refused(run: Validate, data: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="'packed-1' is in two of the folders"):
         run_held_out(replace(run, data=(data, data), out=tmp_path))
 
 
 def test_labels_that_all_failed_have_no_auc(
-    make_record: Callable[..., Record], run: HeldOutRun, data: Path, tmp_path: Path
+    make_record: Callable[..., Record], run: Validate, data: Path, tmp_path: Path
 ) -> None:
     record = read_record(data / "scenes" / "single-0")
     failed = replace(record.labels, success=np.zeros_like(record.labels.success))
@@ -192,7 +193,7 @@ def test_labels_that_all_failed_have_no_auc(
 
 
 def test_the_program_prints_it_as_a_table(
-    run: HeldOutRun, summary: dict[str, Any], data: Path, capsys: pytest.CaptureFixture[str]
+    run: Validate, summary: dict[str, Any], data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments = ["validate", "--data", str(data), "--out", str(run.out), "--weights", run.weights]
     assert cli.main([*arguments, "--threshold", "0.01", "--no-hand-check"]) == 0

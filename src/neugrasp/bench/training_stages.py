@@ -56,10 +56,7 @@ class ProductTrainer:
             return total(joint_losses(self.network, sample, self.config, sharpness, generator), self.config)
 
     def update(self) -> None:
-        torch.nn.utils.clip_grad_norm_(self.network.parameters(), self.config.gradient_clip)
-        self.learner.optimizer.step()
-        self.learner.optimizer.zero_grad(set_to_none=True)
-        self.learner.average.update_parameters(self.network)
+        self.learner.update(self.config.gradient_clip)
 
 
 class TrainingStep:

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from neugrasp.data.scene_folder import read_scene
+from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.detection.detector import Detection, NeuGraspDetector
 from neugrasp.errors import InputError
-from neugrasp.export import whole_or_nothing, write_picture, write_prediction
+from neugrasp.export import write_picture, write_prediction
 from neugrasp.pictures import slice_picture, surface_sheet
 
 

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.spatial.transform import Rotation
 
-from neugrasp.detection.hand_check import HandCheck, HandProbe
+from neugrasp.detection.hand_check import HandCheck
 from neugrasp.geometry.pose import Array, from_quaternion, to_quaternion
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
@@ -99,12 +98,6 @@ def select_grasps(
     reject("too_wide_for_the_gripper", width <= gripper.max_opening - config.min_width)
     candidates = np.where(alive, quality, 0.0)
     reject("not_the_best_nearby", candidates == ndimage.maximum_filter(candidates, config.suppression))
-    # Last, not before the suppression: the neighbours that would take the place of a peak that fails pass
-    # only just, and hold less often.
-    if config.hand is not None:
-        holds, is_free = _hand_passes(config.hand, alive, prediction, workspace, gripper)
-        reject("nothing_between_the_fingers", holds)
-        reject("hand_would_collide", is_free)
     indices = np.argwhere(alive)
     order = np.argsort(-quality[alive], kind="stable")
     grasps = tuple(
@@ -114,24 +107,15 @@ def select_grasps(
         )
         for index in indices[order]
     )  # fmt: skip
+    # Last, not before the suppression: the neighbours that would take the place of a peak that fails pass
+    # only just, and hold less often.
+    if config.hand is not None:
+        poses = np.array([grasp.pose for grasp in grasps]).reshape(-1, 4, 4)
+        holds, is_free = config.hand.passes(prediction.tsdf, workspace, poses)
+        rejected["nothing_between_the_fingers"] = int(np.count_nonzero(~holds))
+        rejected["hand_would_collide"] = int(np.count_nonzero(holds & ~is_free))
+        grasps = tuple(grasp for grasp, passes in zip(grasps, holds & is_free, strict=True) if passes)
     return Selection(grasps, rejected, best)
-
-
-def _hand_passes(
-    check: HandCheck,
-    alive: NDArray[np.bool_],
-    prediction: Prediction,
-    workspace: Workspace,
-    gripper: Gripper,
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Grids of whether the hand at a voxel's grasp would hold anything, and gets there; True if not asked."""
-    indices = np.argwhere(alive)
-    poses = np.tile(np.eye(4), (len(indices), 1, 1))
-    poses[:, :3, :3] = Rotation.from_quat(prediction.rotation[:, alive].T).as_matrix() if len(indices) else 0
-    poses[:, :3, 3] = workspace.position_of(indices) + gripper.tcp_depth * poses[:, :3, 2]
-    holds, is_free = np.ones_like(alive), np.ones_like(alive)
-    holds[alive], is_free[alive] = HandProbe(gripper).passes(check, prediction.tsdf, workspace, poses)
-    return holds, is_free
 
 
 def decode_grasp(

@@ -100,8 +100,9 @@ class NeuGraspDetector:
         checkpoint = load_checkpoint(weights)
         if threshold is None:
             threshold = float(checkpoint.about.get("threshold", SelectionConfig.threshold))
-        selection = SelectionConfig(threshold=threshold, hand=HandCheck() if hand_check else None)
-        return cls(checkpoint.model(), Gripper.load(gripper), selection, device)
+        hand = Gripper.load(gripper)
+        selection = SelectionConfig(threshold=threshold, hand=HandCheck(hand) if hand_check else None)
+        return cls(checkpoint.model(), hand, selection, device)
 
     @torch.no_grad()
     def detect(self, views: Views) -> Detection:

@@ -6,89 +6,65 @@ where the hand would end up is plain geometry, and the surface is there already.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from scipy.spatial import ConvexHull
 
+from neugrasp.geometry.fusion import Grid
 from neugrasp.geometry.pose import Array
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
-
-Grid = NDArray[np.float32]
 
 FINGER_SPACING, PALM_SPACING = 0.006, 0.012
 """Metres between the points that stand for the hand's skin: a voxel is 7.5 mm, and a palm is large."""
 GRASPED = 0.4
 """Part of the fingers' depth, before the TCP, in which something is to be held."""
-CHUNK = 256
-"""Poses looked at together."""
 
 
-@dataclass(frozen=True)
 class HandCheck:
-    """How much is asked of a grasp."""
-
-    clearance: float = -0.1
-    """Least signed distance, in units of the truncation, that the open hand may meet: the surface is not
-    known better than to a few millimetres."""
-    grip: float = 0.1
-    """Least part of the space between the open pads that is inside something."""
-
-
-class HandProbe:
     """Points of an open hand, to be held into a grid.
 
     The hand at the end of its approach is all that counts: where the fingers come from, the palm is then.
     """
 
-    def __init__(self, gripper: Gripper):
+    def __init__(self, gripper: Gripper, clearance: float = -0.1, grip: float = 0.1):
         mount = np.array([0.0, gripper.max_opening / 2, gripper.finger_mount])
         fingers = [_skin(hull, FINGER_SPACING) + mount for hull in gripper.finger.hulls]
         turned = [points * [-1, -1, 1] for points in fingers]
         palm = [_skin(hull, PALM_SPACING) for hull in gripper.palm.hulls]
+        self.least_clearance = clearance
+        """Signed distance, in units of the truncation, below which the open hand may not go: the surface is
+        not known better than to a few millimetres."""
+        self.least_grip = grip
+        """Part of the space between the open pads that must be inside something."""
         self.hand: Array = np.concatenate([*fingers, *turned, *palm]) - [0, 0, gripper.tcp_height]
         """(n, 3), grasp frame, metres."""
         self.between: Array = _between_pads(gripper)
         """(m, 3), grasp frame, metres."""
 
-    def clearance(self, tsdf: Grid, workspace: Workspace, poses: Array) -> NDArray[np.float32]:
-        """Least value (k,) of the grid that the open hand meets at poses (k, 4, 4)."""
-        return _read(tsdf, workspace, poses, self.hand, lambda values: values.min(axis=1))
+    def clearance(self, tsdf: Grid, workspace: Workspace, poses: Array) -> Grid:
+        """Least value (k,) of the grid that the open hand meets at TCP poses (k, 4, 4), workspace frame."""
+        return np.asarray(_read(tsdf, workspace, poses, self.hand).min(axis=1))
 
-    def grip(self, tsdf: Grid, workspace: Workspace, poses: Array) -> NDArray[np.float32]:
-        """Part (k,) of the space between the pads that is inside something, at poses (k, 4, 4)."""
-        return _read(tsdf, workspace, poses, self.between, lambda values: (values < 0).mean(axis=1))
+    def grip(self, tsdf: Grid, workspace: Workspace, poses: Array) -> Array:
+        """Part (k,) of the space between the pads that is inside something, at TCP poses (k, 4, 4)."""
+        return np.asarray((_read(tsdf, workspace, poses, self.between) < 0).mean(axis=1))
 
     def passes(
-        self, check: HandCheck, tsdf: Grid, workspace: Workspace, poses: Array
+        self, tsdf: Grid, workspace: Workspace, poses: Array
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Whether the hand would hold anything at TCP poses (k, 4, 4), and whether it gets there.
-
-        Poses are in the workspace frame. The second is asked only where it matters, and True elsewhere.
-        """
-        holds = self.grip(tsdf, workspace, poses) >= check.grip
-        is_free = np.ones(len(poses), dtype=bool)
-        is_free[holds] = self.clearance(tsdf, workspace, poses[holds]) > check.clearance
-        return holds, is_free
+        """Whether the hand would hold anything at TCP poses (k, 4, 4), and whether it gets there."""
+        holds = self.grip(tsdf, workspace, poses) >= self.least_grip
+        return holds, self.clearance(tsdf, workspace, poses) > self.least_clearance
 
 
-def _read(
-    tsdf: Grid, workspace: Workspace, poses: Array, points: Array, measure: Callable[[Grid], Array]
-) -> NDArray[np.float32]:
-    """A measure (k,) of the grid at points (n, 3) of poses (k, 4, 4); what lies outside the cube is free."""
-    measured = np.empty(len(poses), dtype=np.float32)
-    points = points.astype(np.float32)
-    for start in range(0, len(poses), CHUNK):
-        some = poses[start : start + CHUNK].astype(np.float32)
-        placed = points @ some[:, :3, :3].transpose(0, 2, 1) + some[:, None, :3, 3]
-        index = placed.reshape(-1, 3).T / np.float32(workspace.voxel_size) - np.float32(0.5)
-        values = map_coordinates(tsdf, index, np.float32, order=1, mode="constant", cval=1.0)
-        measured[start : start + CHUNK] = measure(values.reshape(len(some), len(points)))
-    return measured
+def _read(tsdf: Grid, workspace: Workspace, poses: Array, points: Array) -> Grid:
+    """The grid (k, n) at points (n, 3) of poses (k, 4, 4); what lies outside the cube is free."""
+    placed = points @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
+    index = placed.reshape(-1, 3).T / workspace.voxel_size - 0.5
+    values: Grid = map_coordinates(tsdf, index, np.float32, order=1, mode="constant", cval=1.0)
+    return values.reshape(len(poses), len(points))
 
 
 def _skin(hull: Array, spacing: float) -> Array:

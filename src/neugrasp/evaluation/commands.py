@@ -156,19 +156,7 @@ class Validate:
 
     def run(self) -> str:
         """The table, and where the numbers are."""
-        from neugrasp.evaluation.held_out import HeldOutRun, run_held_out
+        from neugrasp.evaluation.held_out import run_held_out
         from neugrasp.evaluation.held_out_table import held_out_table
 
-        summary = run_held_out(
-            HeldOutRun(
-                data=self.data,
-                out=self.out,
-                weights=self.weights,
-                gripper=self.gripper,
-                objects=self.objects,
-                threshold=self.threshold,
-                hand_check=self.hand_check,
-                seed=self.seed,
-            )
-        )
-        return f"{held_out_table(summary)}\n\n{self.out / 'held_out.json'}"
+        return f"{held_out_table(run_held_out(self))}\n\n{self.out / 'held_out.json'}"

@@ -52,7 +52,9 @@ def _detector(config: Evaluate, gripper: Gripper, threshold: float) -> Finder[An
         if _is_vgn(config.weights):
             return Oracle(load_vgn_head(Path(config.weights)), gripper, threshold, is_vgn=True)
         head = load_checkpoint(config.weights).model().head
-        return Oracle(head, gripper, threshold, is_vgn=False, hand=HandCheck() if config.hand_check else None)
+        return Oracle(
+            head, gripper, threshold, is_vgn=False, hand=HandCheck(gripper) if config.hand_check else None
+        )
     return Antipodal(gripper, config.seed)
 
 

@@ -25,6 +25,7 @@ from neugrasp.data.records import Record
 from neugrasp.detection.decode import Prediction, select_grasps
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
+from neugrasp.evaluation.commands import Validate
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.metrics import CONSTANTS, l1_by_mask, wilson_interval
@@ -102,22 +103,7 @@ def oracle_grasps(tsdf: np.ndarray, detector: NeuGraspDetector) -> tuple[Grasp, 
     return select_grasps(prediction, detector.model.workspace, detector.gripper, detector.selection).grasps
 
 
-@dataclass(frozen=True, kw_only=True)
-class HeldOutRun:
-    """What to look at and where to write."""
-
-    data: tuple[Path, ...]
-    out: Path
-    weights: str = "neugrasp"
-    gripper: str = "panda"
-    objects: Path | None = None
-    threshold: float | None = None
-    """None: the weights' own."""
-    hand_check: bool = True
-    seed: int = 0
-
-
-def run_held_out(run: HeldOutRun) -> dict[str, Any]:
+def run_held_out(run: Validate) -> dict[str, Any]:
     """Writes attempts.jsonl and held_out.json to `run.out` and returns what the latter holds.
 
     Goes on where it stopped: records that have their attempts already are not tried again. Raises
@@ -160,7 +146,7 @@ def _read_all(folders: tuple[Path, ...]) -> list[Record]:
     return records
 
 
-def _describe(run: HeldOutRun, threshold: float) -> dict[str, Any]:
+def _describe(run: Validate, threshold: float) -> dict[str, Any]:
     """What the attempts depend on besides the records: written to run.json or compared with it."""
     weights = find_weights(run.weights)
     facts = {

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from neugrasp.errors import InputError
+from neugrasp.export import naming_the_list
 from neugrasp.geometry.pose import Array, from_quaternion, to_quaternion
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
@@ -81,17 +82,11 @@ def write(file: Path, grasps: Sequence[Grasp], gripper: Gripper, stamp: Stamp) -
 
 def read(file: Path, gripper: Gripper) -> list[Grasp]:
     """The grasps of a file made by `write`. Raises `InputError` naming the file."""
-    try:
+    with naming_the_list(file):
         data = json.loads(file.read_text(encoding="utf-8"))
         if data["format"] != FORMAT or data["version"] != VERSION or data["link"] not in ("tcp", "hand"):
             raise InputError(f"{file}: not a {FORMAT} file of version {VERSION}")
         return decode(data["grasps"], gripper, Stamp(link=data["link"]))
-    except FileNotFoundError:
-        raise InputError(f"{file}: missing") from None
-    except InputError:
-        raise
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{file}: damaged list of grasps ({error!r})") from error
 
 
 def _tcp(gripper: Gripper, link: Link) -> float:

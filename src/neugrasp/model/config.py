@@ -31,9 +31,6 @@ class ModelConfig:
     """False is the ablation "w/o V_occ": the residual branch gets no volume."""
     use_backgrounds: bool = True
     """False is the ablation "w/o backgrounds": no residual branch at all."""
-    recompute: bool = False
-    """Whether the gradient computes the field again instead of keeping it: a step of the paper's shapes then
-    takes 1.4 times as long and 0.2 GB instead of 4."""
     learned_sharpness: bool = False
     """Whether the NeuS sharpness is a parameter (the paper) or follows a schedule."""
 

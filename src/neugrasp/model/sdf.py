@@ -150,7 +150,7 @@ class SdfField(nn.Module):
             colour = (weights * colours).sum(0).reshape(places.points.shape)
             return FieldSamples(sdf, colour, places.num_seen)
 
-        return FieldSamples.joined(in_chunks(field, num, points.device, samples, self.config.recompute))
+        return FieldSamples.joined(in_chunks(field, num, points.device, samples))
 
     def on_grid(self, scene: EncodedViews, voxels: Corners, seen: Tensor) -> Tensor:
         """Signed distance (r, r, r) at the voxel centres, whose places (n, r^3) in the maps are known.
@@ -168,9 +168,7 @@ class SdfField(nn.Module):
             places = Places(columns[start:stop], tokens, seen[:, part])
             return self._along(places, order, scene.workspace, need_views=False)[0]
 
-        return torch.cat(in_chunks(field, edge**2, columns.device, edge, self.config.recompute)).reshape(
-            edge, edge, edge
-        )
+        return torch.cat(in_chunks(field, edge**2, columns.device, edge)).reshape(edge, edge, edge)
 
     def _tokens(self, maps: list[Table], corners: Corners, priors: Tensor) -> tuple[Tensor, ...]:
         """View tokens (n, p, d) of each branch: what its maps show, with its prior where it has one."""

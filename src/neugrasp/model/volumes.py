@@ -51,7 +51,6 @@ class VolumeNet(nn.Module):
         super().__init__()
         dim, volume = config.feature_dim, config.volume_dim
         a, b, c, d = config.volume_hidden
-        self.recompute = config.recompute
         self.reduce = nn.Sequential(
             nn.Linear(dim, dim), nn.ReLU(), nn.Linear(dim, volume), nn.ReLU(), nn.Linear(volume, volume // 2)
         )
@@ -78,7 +77,7 @@ class VolumeNet(nn.Module):
             )
 
         num = seen.shape[1]
-        x = torch.cat(in_chunks(summaries, num, seen.device, recompute=self.recompute), dim=1)
+        x = torch.cat(in_chunks(summaries, num, seen.device), dim=1)
         edge = round(num ** (1 / 3))
         x0 = self.enter(rearrange(x, "k (x y z) c -> k c x y z", x=edge, y=edge))
         x1 = self.down1(x0)

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from neugrasp.data.scene_folder import read_scene
+from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.detection.explanation import explain
 from neugrasp.doctor.capture import Capture
 from neugrasp.doctor.examination import Diagnosis, examine
 from neugrasp.doctor.findings import Level
 from neugrasp.errors import InputError
-from neugrasp.export import whole_or_nothing, write_prediction
+from neugrasp.export import write_prediction
 from neugrasp.report.prediction import prediction_report
 
 logger = logging.getLogger(__name__)

@@ -42,6 +42,13 @@ class Learner:
         optimizer = torch.optim.Adam(model.parameters(), lr=config.learning_rate)
         return cls(model, AveragedModel(model, avg_fn=averaged), optimizer)
 
+    def update(self, gradient_clip: float) -> None:
+        """One step of the optimiser along the gradients, which are used up, and of the average."""
+        torch.nn.utils.clip_grad_norm_(self.model.parameters(), gradient_clip)
+        self.optimizer.step()
+        self.optimizer.zero_grad(set_to_none=True)
+        self.average.update_parameters(self.model)
+
     @property
     def smooth(self) -> NeuGrasp:
         """The network with averaged weights."""

@@ -149,11 +149,10 @@ def _read_all(folders: tuple[Path, ...]) -> list[Record]:
 
 def _step(learner: Learner, data: TrainingSet, config: TrainConfig, step: int) -> dict[str, float]:
     """One update; everything random in it follows from the seed and the step's number."""
-    model, optimizer = learner.model, learner.optimizer
+    model = learner.model
     generator = torch.Generator().manual_seed(config.seed * 1_000_003 + step)
-    for group in optimizer.param_groups:
+    for group in learner.optimizer.param_groups:
         group["lr"] = config.learning_rate_at(step)
-    optimizer.zero_grad(set_to_none=True)
     device = next(model.parameters()).device
     with torch.autocast(device.type, torch.bfloat16, enabled=config.bfloat16):
         if step < config.head_steps:
@@ -168,9 +167,7 @@ def _step(learner: Learner, data: TrainingSet, config: TrainConfig, step: int) -
             f"step {step}: the loss is {float(loss.detach())}; the last state before it is kept"
         )
     loss.backward()
-    torch.nn.utils.clip_grad_norm_(model.parameters(), config.gradient_clip)
-    optimizer.step()
-    learner.average.update_parameters(model)
+    learner.update(config.gradient_clip)
     return {"loss": float(loss.detach()), **{name: float(value.detach()) for name, value in losses.items()}}
 
 
