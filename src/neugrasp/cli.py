@@ -108,6 +108,8 @@ class Generate:
     """A folder of URDF objects, instead of the built-in ones."""
     materials: Literal["mixed", "diffuse", "specular", "transparent", "transparent-specular"] = "mixed"
     """What the objects are made of."""
+    photos: bool = True
+    """Without photos scenes come several times faster and serve the grasp head alone."""
     views: str = "training"
     """Where the cameras stand: training, paper, released, ring6 or hemisphere6."""
     split: Literal["train", "test"] = "train"
@@ -129,6 +131,7 @@ class Generate:
                 num=self.num,
                 objects=self.objects,
                 materials=self.materials,
+                photos=self.photos,
                 views=self.views,
                 split=self.split,
                 gripper=self.gripper,

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import strategies as st
 
 from neugrasp.data.labels import Labels
-from neugrasp.data.records import DEPTH_UNIT, Record
+from neugrasp.data.records import DEPTH_UNIT, Record, without_photos
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.view_sets import on_sphere
 from neugrasp.geometry.workspace import Workspace
@@ -43,6 +45,14 @@ def records(draw: st.DrawFn, name: str = "scene-0") -> Record:
             rng.random(k) < 0.5,
         ),
     )
+
+
+@st.composite
+def records_without_photos(draw: st.DrawFn, name: str = "scene-0") -> Record:
+    """Such as `records`, of scenes that nobody photographed."""
+    nothing = np.zeros((0, 0, 0))
+    seen = {"depths": nothing.astype(np.float32), "masks": nothing.astype(np.int8)}
+    return replace(draw(records(name)), cell={"photos": False}, **without_photos(), **seen)
 
 
 def noise(rng: np.random.Generator, count: int, size: int) -> np.ndarray:

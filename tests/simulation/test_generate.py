@@ -121,6 +121,21 @@ def test_a_longer_run_begins_with_the_shorter_one(
     assert all(path.stat().st_mtime_ns == mtime for path, mtime in before.items())
 
 
+def test_without_photos_the_same_scenes_and_labels_come(
+    undisturbed: Path, tmp_path: Path, photographers: ModuleType
+) -> None:
+    bare = [read_record(path) for path in generate(small(tmp_path, photos=False, workers=2))]
+    full = [read_record(path) for path in sorted((undisturbed / "scenes").iterdir())]
+    for one, other in zip(bare, full, strict=True):
+        assert not one.has_photos
+        assert one.scene == other.scene
+        np.testing.assert_array_equal(one.tsdf, other.tsdf)
+        np.testing.assert_array_equal(one.labels.success, other.labels.success)
+        np.testing.assert_array_equal(one.labels.quaternions, other.labels.quaternions)
+    with pytest.raises(InputError, match="photos = False"):
+        generate(small(tmp_path), photographers.NoisePhotographer)
+
+
 SCRIPT = """
     import sys
     from pathlib import Path

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
+from neugrasp.data import records
 from neugrasp.data.records import write_record
 from neugrasp.errors import InputError
 from neugrasp.model.checkpoint import load_checkpoint
@@ -60,6 +62,26 @@ def test_stopped_and_resumed_equals_never_stopped(data, held_out, tmp_path):
     assert load_checkpoint(weights).about["recipe"] == "tiny"
     expected = json.loads(GOLDEN.read_text())
     assert losses_of(whole.out) == pytest.approx(expected, rel=1e-2)
+
+
+@pytest.fixture
+def without_photos(tmp_path, make_record) -> Path:
+    """A ball that nobody photographed."""
+    nothing = np.zeros((0, 0, 0))
+    seen = {"depths": nothing.astype(np.float32), "masks": nothing.astype(np.int8)}
+    record = make_record(x=0.12, y=0.2, seed=5)
+    bare = replace(record, cell={"photos": False}, **records.without_photos(), **seen)
+    write_record(tmp_path / "bare" / "scenes" / bare.name, bare)
+    return tmp_path / "bare"
+
+
+def test_scenes_without_photos_teach_the_head_alone(data, without_photos, tmp_path, monkeypatch):
+    monkeypatch.setitem(RECIPES, "tiny-head", lambda: replace(recipe("tiny"), steps=3, head_steps=3))
+    first = train(TrainRun(recipe="tiny-head", data=(without_photos,), out=tmp_path / "head"))
+    both = TrainRun(recipe="tiny", data=(data, without_photos), out=tmp_path / "both", init=str(first))
+    assert train(both).is_file()
+    with pytest.raises(InputError, match="no scene has photos; recipe tiny needs some"):
+        train(TrainRun(recipe="tiny", data=(without_photos,), out=tmp_path / "tiny"))
 
 
 def test_an_earlier_run_is_not_overwritten(data, tmp_path):

@@ -2,7 +2,7 @@
 
 The folder is an ordinary scene (scene.json, images/, backgrounds/); beside it lie `targets/`, a second scene
 with the views from the hemisphere, world.json, cell.json, truth.npz and grasps.npz. docs/data_format.md
-describes each.
+describes each. A record without photos has only the last four.
 """
 
 from __future__ import annotations
@@ -29,12 +29,16 @@ from neugrasp.views import View, Views
 
 DEPTH_UNIT = 1e-4
 """Metres that one step of a stored depth stands for; 0 is no surface."""
-FILES = ("scene.json", "world.json", "cell.json", "truth.npz", "grasps.npz", "targets/scene.json")
+FILES = ("world.json", "cell.json", "truth.npz", "grasps.npz")
+PHOTO_FILES = ("scene.json", "targets/scene.json")
 
 
 @dataclass(frozen=True)
 class Record:
-    """A scene as training and evaluation use it: n input views and m targets of s x s pixels."""
+    """A scene as training and evaluation use it: n input views and m targets of s x s pixels.
+
+    Without photos n and m are 0, and it serves the grasp head alone.
+    """
 
     name: str
     scene: Scene
@@ -63,6 +67,11 @@ class Record:
     labels: Labels
 
     @property
+    def has_photos(self) -> bool:
+        """Whether the scene was photographed."""
+        return len(self.images) > 0
+
+    @property
     def kind(self) -> str:
         """ "single", "pile" or "packed"."""
         return self.scene.kind
@@ -78,13 +87,23 @@ class Record:
         return tuple(material.kind for material in self.scene.materials)
 
     def views(self, workspace: Workspace | None = None) -> Views:
-        """What a detector may see of the record."""
+        """What a detector may see of the record. Raises `InputError` where it has no photos."""
         return _views(self.images, self.backgrounds, self.cameras, workspace or Workspace())
 
     def target_views(self, workspace: Workspace | None = None) -> Views:
-        """The views from the hemisphere, for photometric losses."""
+        """The views from the hemisphere, for photometric losses. Raises `InputError` where there are none."""
         backgrounds = self.target_backgrounds
         return _views(self.targets, backgrounds, self.target_cameras, workspace or Workspace())
+
+
+def without_photos() -> dict[str, Any]:
+    """The fields of a `Record` that was never photographed."""
+    photos = ("images", "backgrounds", "targets", "target_backgrounds")
+    return {
+        **{name: np.zeros((0, 0, 0, 3), np.uint8) for name in photos},
+        "cameras": (),
+        "target_cameras": (),
+    }
 
 
 def write_record(folder: Path, record: Record) -> None:
@@ -112,10 +131,7 @@ def write_record(folder: Path, record: Record) -> None:
 def read_record(folder: Path) -> Record:
     """The record in `folder`. Raises `InputError` naming the file that is missing or damaged."""
     folder = Path(folder)
-    for name in FILES:
-        if not (folder / name).is_file():
-            raise InputError(f"{folder / name}: missing; a record needs {', '.join(FILES)}")
-    inputs, targets = read_scene(folder), read_scene(folder / "targets")
+    _need(folder, FILES)
     world = scene_from_json((folder / "world.json").read_text(errors="replace"), folder / "world.json")
     try:
         cell = json.loads((folder / "cell.json").read_text(errors="replace"))
@@ -125,17 +141,32 @@ def read_record(folder: Path) -> Record:
         name=folder.name,
         scene=world,
         cell=cell,
-        images=_stacked(inputs, "image", folder / "images"),
-        backgrounds=_stacked(inputs, "background", folder / "backgrounds"),
-        cameras=tuple(view.camera for view in inputs.views),
-        targets=_stacked(targets, "image", folder / "targets" / "images"),
-        target_backgrounds=_stacked(targets, "background", folder / "targets" / "backgrounds"),
-        target_cameras=tuple(view.camera for view in targets.views),
+        **(_photos(folder) if cell.get("photos", True) else without_photos()),
         **truth_from_bytes((folder / "truth.npz").read_bytes(), str(folder / "truth.npz")),
         labels=labels_from_bytes((folder / "grasps.npz").read_bytes(), str(folder / "grasps.npz")),
     )
     check_record(record, str(folder))
     return record
+
+
+def _need(folder: Path, files: tuple[str, ...]) -> None:
+    for name in files:
+        if not (folder / name).is_file():
+            raise InputError(f"{folder / name}: missing; a record needs {', '.join(FILES + PHOTO_FILES)}")
+
+
+def _photos(folder: Path) -> dict[str, Any]:
+    """The fields that `without_photos` gives, read."""
+    _need(folder, PHOTO_FILES)
+    inputs, targets = read_scene(folder), read_scene(folder / "targets")
+    return {
+        "images": _stacked(inputs, "image", folder / "images"),
+        "backgrounds": _stacked(inputs, "background", folder / "backgrounds"),
+        "cameras": tuple(view.camera for view in inputs.views),
+        "targets": _stacked(targets, "image", folder / "targets" / "images"),
+        "target_backgrounds": _stacked(targets, "background", folder / "targets" / "backgrounds"),
+        "target_cameras": tuple(view.camera for view in targets.views),
+    }
 
 
 def check_record(record: Record, source: str) -> None:
@@ -184,10 +215,9 @@ def truth_from_bytes(data: bytes, source: str) -> dict[str, Any]:
 
 
 def _write_files(folder: Path, record: Record) -> None:
-    workspace = Workspace()
-    write_scene(folder, record.views(workspace))
-    targets = _views(record.targets, record.target_backgrounds, record.target_cameras, workspace)
-    write_scene(folder / "targets", targets)
+    if record.has_photos:
+        write_scene(folder, record.views())
+        write_scene(folder / "targets", record.target_views())
     (folder / "world.json").write_text(scene_to_json(record.scene) + "\n")
     (folder / "cell.json").write_text(json.dumps(record.cell, indent=1, sort_keys=True) + "\n")
     (folder / "truth.npz").write_bytes(truth_to_bytes(record))

@@ -195,7 +195,8 @@ def _record(archive: zipfile.ZipFile, name: str, source: str) -> Record:
 
 
 def _stacked(archive: zipfile.ZipFile, members: Sequence[str]) -> Image:
-    return np.stack([_image(archive, member) for member in members])
+    images = [_image(archive, member) for member in members]
+    return np.stack(images) if images else np.zeros((0, 0, 0, 3), np.uint8)
 
 
 def _image(archive: zipfile.ZipFile, member: str) -> Image:

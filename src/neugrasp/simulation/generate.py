@@ -14,7 +14,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from multiprocessing.queues import Queue
 from multiprocessing.util import Finalize
@@ -31,7 +31,7 @@ from neugrasp.simulation.studio import GenerateConfig, Studio
 
 __all__ = ["GenerateConfig", "generate"]
 
-MakePhotographer = Callable[[int], AbstractContextManager[Photographer]]
+MakePhotographer = Callable[[int], AbstractContextManager[Photographer | None]]
 """Number of threads -> a photographer to be used in a with statement."""
 
 logger = logging.getLogger(__name__)
@@ -52,9 +52,14 @@ def generate(config: GenerateConfig, make_photographer: MakePhotographer = Rende
         missing = [index for index, folder in enumerate(folders) if not folder.is_dir()]
         progress = _Progress(total=config.num, done=config.num - len(missing))
         if missing:
-            _make_all(config, missing, make_photographer, progress)
+            _make_all(config, missing, make_photographer if config.photos else _nobody, progress)
             progress.write(config.out / "timing.json")
     return folders
+
+
+def _nobody(_threads: int) -> AbstractContextManager[None]:
+    """The photographer of scenes without photos."""
+    return nullcontext()
 
 
 def _checked(config: GenerateConfig) -> ObjectLibrary:
@@ -98,6 +103,7 @@ def _describe(config: GenerateConfig, library: ObjectLibrary) -> None:
         "scenes_per_cell": config.scenes_per_cell,
         "image_size": config.image_size,
         "seed": config.seed,
+        **({} if config.photos else {"photos": False}),
     }
     begun_as(config.out / "dataset.json", description, "data set")
 

@@ -9,11 +9,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from neugrasp.data.labels import Labels
-from neugrasp.data.records import Record, write_record
+from neugrasp.data.records import Record, without_photos, write_record
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
@@ -57,6 +58,8 @@ class GenerateConfig:
     """Points of a scene at which grasps are executed."""
     scenes_per_cell: int = 8
     image_size: int = 256
+    photos: bool = True
+    """Without them a scene takes a fraction of the time and serves the grasp head alone."""
     seed: int = 0
     workers: int | None = None
     """Processes; by default one per core."""
@@ -78,7 +81,8 @@ class Studio:
     """Makes one scene after another; which came before makes no difference."""
 
     config: GenerateConfig
-    photographer: Photographer
+    photographer: Photographer | None
+    """None where the scenes get no photos."""
     workspace: Workspace = field(default_factory=Workspace)
     seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
     """Wall time spent so far, by stage."""
@@ -91,53 +95,58 @@ class Studio:
 
     def make(self, index: int) -> Path:
         """Makes and writes scene `index`; the folder of its record."""
-        config = self.config
-        cell_index = index // config.scenes_per_cell
-        cell = self._cell(cell_index)
         with self._timed("arrange"):
             scene = self._arranged(index)
             # From the stored poses, so that whoever rebuilds the scene finds the world that was labelled.
             self.world.reset(scene)
-        with self._timed("backgrounds"):
-            folder = config.out / "cells" / f"{cell_index:06d}"
-            empty = backgrounds(cell, folder, self.photographer, self.library)
-        record = self._record(index, cell_index, cell, scene, empty)
-        with self._timed("write"):
-            folder = config.out / "scenes" / record.name
-            write_record(folder, record)
-        return folder
-
-    def _record(self, index: int, cell_index: int, cell: Cell, scene: Scene, empty: np.ndarray) -> Record:
-        config, inputs = self.config, list(range(cell.num_inputs))
-        rng = self._rng("targets", index)
-        others = range(cell.num_inputs, len(cell.cameras))
-        targets = sorted(rng.choice(others, TARGETS_PER_SCENE, replace=False).tolist())
-        cameras = tuple(cell.cameras[i] for i in inputs)
-        with self._timed("depth"):
-            seen = [self.world.depth_and_mask(camera) for camera in cameras]
         with self._timed("tsdf"):
             tsdf = scan(self.world, self.workspace)
         with self._timed("grasps"):
             labels = self._labels(index)
-        with self._timed("render"):
-            photos = np.stack(self.photographer.render(cell, scene, self.library, inputs + targets))
-        drawn = {"light": cell.light, "table": cell.table, "views": config.views, "split": config.split}
-        return Record(
-            name=config.record_name(index),
+        record = Record(
+            name=self.config.record_name(index),
             scene=scene,
-            cell={"index": cell_index, "seed": cell.seed, **drawn, "targets": targets},
-            images=photos[: len(inputs)],
-            backgrounds=empty[inputs],
-            cameras=cameras,
-            targets=photos[len(inputs) :],
-            target_backgrounds=empty[targets],
-            target_cameras=tuple(cell.cameras[i] for i in targets),
-            depths=np.stack([depth for depth, _ in seen]).astype(np.float32),
-            masks=np.stack([mask for _, mask in seen]).astype(np.int8),
+            **self._seen(index, scene),
             tsdf=tsdf.values,
             observed=tsdf.observed,
             labels=labels,
         )
+        with self._timed("write"):
+            folder = self.config.out / "scenes" / record.name
+            write_record(folder, record)
+        return folder
+
+    def _seen(self, index: int, scene: Scene) -> dict[str, Any]:
+        """The fields of a `Record` that depend on a work cell: photos, depth, and the cell itself."""
+        config, cell_index = self.config, index // self.config.scenes_per_cell
+        if self.photographer is None:
+            nothing = np.zeros((0, 0, 0))
+            seen = {"depths": nothing.astype(np.float32), "masks": nothing.astype(np.int8)}
+            return {"cell": {"photos": False, "split": config.split}, **without_photos(), **seen}
+        cell = self._cell(cell_index)
+        with self._timed("backgrounds"):
+            folder = config.out / "cells" / f"{cell_index:06d}"
+            empty = backgrounds(cell, folder, self.photographer, self.library)
+        inputs, others = list(range(cell.num_inputs)), range(cell.num_inputs, len(cell.cameras))
+        rng = self._rng("targets", index)
+        targets = sorted(rng.choice(others, TARGETS_PER_SCENE, replace=False).tolist())
+        cameras = tuple(cell.cameras[i] for i in inputs)
+        with self._timed("depth"):
+            looks = [self.world.depth_and_mask(camera) for camera in cameras]
+        with self._timed("render"):
+            photos = np.stack(self.photographer.render(cell, scene, self.library, inputs + targets))
+        drawn = {"light": cell.light, "table": cell.table, "views": config.views, "split": config.split}
+        return {
+            "cell": {"index": cell_index, "seed": cell.seed, **drawn, "targets": targets},
+            "images": photos[: len(inputs)],
+            "backgrounds": empty[inputs],
+            "cameras": cameras,
+            "targets": photos[len(inputs) :],
+            "target_backgrounds": empty[targets],
+            "target_cameras": tuple(cell.cameras[i] for i in targets),
+            "depths": np.stack([depth for depth, _ in looks]).astype(np.float32),
+            "masks": np.stack([mask for _, mask in looks]).astype(np.int8),
+        }
 
     def _labels(self, index: int) -> Labels:
         grasps = label(self.world, self._rng("grasps", index), num_points=self.config.grasp_points)

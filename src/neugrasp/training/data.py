@@ -37,10 +37,15 @@ def read_records(folder: Path) -> list[Record]:
 
 
 class TrainingSet:
-    """Records prepared once each, and the next sample made ready while a step runs."""
+    """Records prepared once each, and the next sample made ready while a step runs.
+
+    Samples come from records with photos; labels and grids from all.
+    """
 
     def __init__(self, records: list[Record], size: int, seed: int):
         self.records = records
+        self.photographed = tuple(index for index, record in enumerate(records) if record.has_photos)
+        """Indices of the records with photos."""
         self.size = size
         self.seed = seed
         self.workspace = Workspace()
@@ -51,16 +56,16 @@ class TrainingSet:
     def __len__(self) -> int:
         return len(self.records)
 
-    def index_at(self, position: int) -> int:
-        """Which record comes at a position of the endless sequence: a new shuffle in every epoch."""
-        epoch, place = divmod(position, len(self.records))
-        order = np.random.default_rng([self.seed, 1, epoch]).permutation(len(self.records))
-        return int(order[place])
+    def place_at(self, position: int, num: int) -> int:
+        """Which of `num` comes at a position of the endless sequence: a new shuffle in every epoch."""
+        epoch, place = divmod(position, num)
+        return int(np.random.default_rng([self.seed, 1, epoch]).permutation(num)[place])
 
     def sample_at(self, position: int) -> Sample:
         """The augmented sample at a position; the same whenever it is asked for."""
         rng = np.random.default_rng([self.seed, 2, position])
-        return sample_of(self._prepared_record(self.index_at(position)), self.workspace, self.size, rng)
+        index = self.photographed[self.place_at(position, len(self.photographed))]
+        return sample_of(self._prepared_record(index), self.workspace, self.size, rng)
 
     def take(self, position: int) -> Sample:
         """`sample_at`, while the one after it is already being made."""
@@ -74,12 +79,17 @@ class TrainingSet:
         moved = []
         for place in range(position, position + count):
             symmetry = Symmetry.random(np.random.default_rng([self.seed, 3, place]))
-            moved.append(truth_of(self.records[self.index_at(place)], symmetry, self.workspace))
+            record = self.records[self.place_at(place, len(self.records))]
+            moved.append(truth_of(record, symmetry, self.workspace))
         return moved
 
     def plain(self, index: int) -> Sample:
-        """A record as it stands, for validation."""
+        """A record with photos as it stands, for validation."""
         return sample_of(self._prepared_record(index), self.workspace, self.size, None)
+
+    def plain_truth(self, index: int) -> Truth:
+        """Labels and grid of a record as they stand, for validation."""
+        return truth_of(self.records[index], Symmetry(), self.workspace)
 
     def close(self) -> None:
         """Stops the background thread."""

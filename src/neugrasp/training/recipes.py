@@ -39,7 +39,7 @@ def small() -> TrainConfig:
 
 def head() -> TrainConfig:
     """The grasp head of `small` alone, on true TSDFs: needs no photos, so physics-only records will do."""
-    return replace(small(), steps=4_000, head_steps=4_000, validate_every=10_000_000)
+    return replace(small(), steps=4_000, head_steps=4_000)
 
 
 def paper() -> TrainConfig:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +23,10 @@ from neugrasp.training.data import TrainingSet, read_records
 from neugrasp.training.log import TrainingLog
 from neugrasp.training.progress_picture import save_progress_picture
 from neugrasp.training.recipes import recipe
-from neugrasp.training.samples import Sample
+from neugrasp.training.samples import Sample, Truth
 from neugrasp.training.state import Learner, load_state, save_state
 from neugrasp.training.step import head_losses, joint_losses, total
-from neugrasp.training.validation import validate
+from neugrasp.training.validation import validate, validate_head
 
 log = logging.getLogger(__name__)
 
@@ -84,7 +85,7 @@ def train(run: TrainRun, stop_after: int | None = None) -> Path:
             losses = _step(learner, data, config, step)
             records.step(step, losses, config.learning_rate_at(step))
             done = step + 1
-            if held_out() and (done % config.validate_every == 0 or done == config.steps):
+            if held_out and (done % config.validate_every == 0 or done == config.steps):
                 _validate(learner.smooth, config, run, held_out, done, records)
             # The state comes last: a run killed before it validates again, one killed after it has done so.
             if done % config.checkpoint_every == 0 or done == config.steps:
@@ -118,29 +119,47 @@ def _start_from(model: NeuGrasp, weights: str) -> None:
     model.load_state_dict({name: tensor.float() for name, tensor in checkpoint.tensors.items()})
 
 
-Samples = Callable[[], list[Sample]]
+class _HeldOut:
+    """Some scenes that are not trained on."""
+
+    def __init__(self, records: list[Record], config: TrainConfig):
+        self._data = TrainingSet(records, config.model.image_size, config.seed)
+        self._with_photos = _spread(self._data.photographed, config.validation_scenes)
+        self._any = _spread(range(len(records)), 10 * config.validation_scenes)
+
+    def __bool__(self) -> bool:
+        return bool(self._any)
+
+    @cached_property
+    def samples(self) -> list[Sample]:
+        """With photos; made when first asked for."""
+        return [self._data.plain(index) for index in self._with_photos]
+
+    @cached_property
+    def truths(self) -> list[Truth]:
+        """With or without photos, and more of them: the head is quick."""
+        return [self._data.plain_truth(index) for index in self._any]
 
 
-def _open_data(run: TrainRun, config: TrainConfig) -> tuple[TrainingSet, Samples]:
-    """The training set, and what gives the validation samples (made when first asked for)."""
+def _spread(indices: Sequence[int], count: int) -> list[int]:
+    """At most `count` of the indices, evenly."""
+    places = np.linspace(0, len(indices) - 1, min(count, len(indices))).astype(int)
+    return [indices[place] for place in places.tolist()]
+
+
+def _open_data(run: TrainRun, config: TrainConfig) -> tuple[TrainingSet, _HeldOut]:
+    """The training set, and what is validated on."""
     records = _read_all(run.data)
     if run.validation:
         held = _read_all(run.validation)
     else:
         keep = len(records) - len(records) // 20
         records, held = records[:keep], records[keep:]
-    size = config.model.image_size
-    validation = TrainingSet(held, size, config.seed)
-    count = min(config.validation_scenes, len(held))
-    chosen = np.linspace(0, len(held) - 1, count).astype(int).tolist()
-    made: list[Sample] = []
-
-    def samples() -> list[Sample]:
-        if not made:
-            made.extend(validation.plain(index) for index in chosen)
-        return made
-
-    return TrainingSet(records, size, config.seed), samples
+    data = TrainingSet(records, config.model.image_size, config.seed)
+    if config.steps > config.head_steps and not data.photographed:
+        folders = ", ".join(map(str, run.data))
+        raise InputError(f"{folders}: no scene has photos; recipe {run.recipe} needs some, head none")
+    return data, _HeldOut(held, config)
 
 
 def _read_all(folders: tuple[Path, ...]) -> list[Record]:
@@ -172,15 +191,16 @@ def _step(learner: Learner, data: TrainingSet, config: TrainConfig, step: int) -
 
 
 def _validate(
-    model: NeuGrasp, config: TrainConfig, run: TrainRun, held_out: Samples, step: int, records: TrainingLog
+    model: NeuGrasp, config: TrainConfig, run: TrainRun, held_out: _HeldOut, step: int, records: TrainingLog
 ) -> None:
     device = next(model.parameters()).device
     model.to("cpu")
-    scores = validate(model, held_out(), config.sharpness_at(step))
+    scores = validate_head(model, held_out.truths)
+    sharpness = config.sharpness_at(step)
+    if held_out.samples and step > config.head_steps:
+        scores |= validate(model, held_out.samples, sharpness)
+        save_progress_picture(run.out / f"progress_{step:06d}.png", model, held_out.samples[0], sharpness)
     records.validation(step, scores)
-    save_progress_picture(
-        run.out / f"progress_{step:06d}.png", model, held_out()[0], config.sharpness_at(step)
-    )
     save_checkpoint(run.out / "weights.safetensors", model, _about(run, config, step, 0))
     model.to(device)
     log.info("step %d validation: %s", step, {name: round(value, 3) for name, value in scores.items()})

@@ -13,7 +13,7 @@ from neugrasp.model.grasp_head import GraspVolume
 from neugrasp.model.network import NeuGrasp, Reconstruction
 from neugrasp.model.rendering import cut_to_workspace
 from neugrasp.training.losses import rotation_distance
-from neugrasp.training.samples import GraspLabels, Photos, Sample
+from neugrasp.training.samples import GraspLabels, Photos, Sample, Truth
 
 RENDER_STRIDE = 4
 """Every how many pixels the held-out view is rendered: enough for PSNR, and 16 times faster."""
@@ -72,6 +72,16 @@ def grasp_scores(volume: GraspVolume, labels: GraspLabels) -> dict[str, float]:
     degrees = 2 * np.rad2deg(np.arccos(similarity.clamp(0, 1).numpy()))
     error = float(degrees[success].mean()) if success.any() else float("nan")
     return {"grasp_auc": area_under_roc(quality, success), "rotation_error_deg": error}
+
+
+@torch.no_grad()
+def validate_head(model: NeuGrasp, truths: list[Truth]) -> dict[str, float]:
+    """Means over scenes: AUC and rotation error of the grasp head on the true grids."""
+    scores = Scores()
+    for truth in truths:
+        found = grasp_scores(model.head(truth.tsdf.unsqueeze(0)), truth.labels)
+        scores.add(**{f"true_grid_{name}": value for name, value in found.items()})
+    return scores.means()
 
 
 def validate(
