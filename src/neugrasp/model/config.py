@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -14,6 +15,9 @@ class ModelConfig:
     encoder_width: int = 32
     """Channels of the first stage; the next two have 2 x and 4 x."""
     encoder_blocks: tuple[int, int, int] = (2, 3, 6)
+    encoder_norm: Literal["instance", "pixel"] = "instance"
+    """Over a whole map, as in the paper, or over the channels of each pixel. With the first, an object
+    changes the features of the table all around it, and they differ from those of the background."""
     feature_dim: int = 32
     volume_dim: int = 16
     volume_hidden: tuple[int, int, int, int] = (16, 16, 32, 48)

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
 from neugrasp.model.config import ModelConfig
-from neugrasp.model.norm import GroupNorm
+from neugrasp.model.norm import GroupNorm, PixelNorm
+
+Norm = Callable[[int], nn.Module]
+"""Channels -> what normalises them."""
 
 
 class ReflectedConv(nn.Conv2d):
@@ -25,7 +30,7 @@ class ReflectedConv(nn.Conv2d):
         return super().forward(bordered)
 
 
-def norm(channels: int) -> GroupNorm:
+def instance_norm(channels: int) -> GroupNorm:
     """Instance normalisation with learned scale."""
     return GroupNorm(channels, channels)
 
@@ -33,7 +38,7 @@ def norm(channels: int) -> GroupNorm:
 class ResidualBlock(nn.Module):
     """Two 3 x 3 convolutions and a short cut."""
 
-    def __init__(self, channels_in: int, channels_out: int, stride: int):
+    def __init__(self, channels_in: int, channels_out: int, stride: int, norm: Norm):
         super().__init__()
         self.body = nn.Sequential(
             ReflectedConv(channels_in, channels_out, stride=stride),
@@ -53,13 +58,13 @@ class ResidualBlock(nn.Module):
         return F.relu(self.body(x) + self.shortcut(x))
 
 
-def _stage(channels_in: int, channels_out: int, blocks: int) -> nn.Sequential:
-    first = ResidualBlock(channels_in, channels_out, stride=2)
-    rest = [ResidualBlock(channels_out, channels_out, stride=1) for _ in range(blocks - 1)]
+def _stage(channels_in: int, channels_out: int, blocks: int, norm: Norm) -> nn.Sequential:
+    first = ResidualBlock(channels_in, channels_out, 2, norm)
+    rest = [ResidualBlock(channels_out, channels_out, 1, norm) for _ in range(blocks - 1)]
     return nn.Sequential(first, *rest)
 
 
-def _fuse(channels_in: int, channels_out: int) -> nn.Sequential:
+def _fuse(channels_in: int, channels_out: int, norm: Norm) -> nn.Sequential:
     return nn.Sequential(ReflectedConv(channels_in, channels_out), norm(channels_out), nn.ELU())
 
 
@@ -70,14 +75,15 @@ class FeatureNet(nn.Module):
         super().__init__()
         first, second, third = (config.encoder_width * k for k in (1, 2, 4))
         blocks = config.encoder_blocks
+        norm: Norm = instance_norm if config.encoder_norm == "instance" else PixelNorm
         self.stem = nn.Sequential(ReflectedConv(3, first, kernel=7, stride=2), norm(first), nn.ReLU())
-        self.stage1 = _stage(first, first, blocks[0])
-        self.stage2 = _stage(first, second, blocks[1])
-        self.stage3 = _stage(second, third, blocks[2])
-        self.up2 = _fuse(third, second)
-        self.join2 = _fuse(2 * second, second)
-        self.up1 = _fuse(second, first)
-        self.join1 = _fuse(2 * first, first)
+        self.stage1 = _stage(first, first, blocks[0], norm)
+        self.stage2 = _stage(first, second, blocks[1], norm)
+        self.stage3 = _stage(second, third, blocks[2], norm)
+        self.up2 = _fuse(third, second, norm)
+        self.join2 = _fuse(2 * second, second, norm)
+        self.up1 = _fuse(second, first, norm)
+        self.join1 = _fuse(2 * first, first, norm)
         self.out = nn.Conv2d(first, config.feature_dim, 1)
 
     def forward(self, images: Tensor) -> Tensor:
@@ -107,6 +113,8 @@ class ResidualAttention(nn.Module):
         for module in self.modules():
             if isinstance(module, nn.Conv2d):
                 nn.init.kaiming_normal_(module.weight)
+        # Where nothing changed the gate sees zeros from the start.
+        self.query.weight.data.copy_(self.key.weight.data)
 
     def forward(self, scene: Tensor, background: Tensor) -> Tensor:
         """Foreground-attentive features, same shape as both inputs (n, d, h, w)."""

@@ -20,6 +20,9 @@ class LossWeights:
     """Squared error summed over RGB; coarse and fine each (method.md B11)."""
     eikonal: float = 0.1
     grasp: float = 0.01
+    rehearsal: float = 0.0
+    """The grasp loss on true grids in the joint stage, too: the head goes on learning from scenes without
+    photos."""
     carving: float = 0.1
     """Background carving along the rendered rays: cross-entropy of what pixels that changed, or did not, say
     of the space in front of them."""

@@ -21,10 +21,11 @@ def small() -> TrainConfig:
         coarse_samples=32,
         fine_samples=24,
         encoder_blocks=(2, 2, 3),
+        encoder_norm="pixel",
     )
     return TrainConfig(
         model=model,
-        weights=LossWeights(carving=0.1, grid_carving=0.3, table=0.1),
+        weights=LossWeights(eikonal=0.3, rehearsal=0.01, carving=0.1, grid_carving=0.3, table=0.1),
         steps=9_000,
         head_steps=5_000,
         learning_rate=1e-3,
@@ -53,7 +54,8 @@ def paper() -> TrainConfig:
 
 def tsdf() -> TrainConfig:
     """The control: `small` with the TSDF itself as supervision."""
-    return replace(small(), weights=LossWeights(carving=0.0, grid_carving=0.0, tsdf=1.0))
+    weights = replace(small().weights, carving=0.0, grid_carving=0.0, table=0.0, tsdf=1.0)
+    return replace(small(), weights=weights)
 
 
 def without_attention() -> TrainConfig:
@@ -77,6 +79,7 @@ def tiny() -> TrainConfig:
         image_size=64,
         encoder_width=4,
         encoder_blocks=(1, 1, 1),
+        encoder_norm="pixel",
         feature_dim=4,
         volume_dim=4,
         volume_hidden=(4, 4, 8, 8),

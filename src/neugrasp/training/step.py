@@ -33,11 +33,11 @@ def total(losses: Losses, config: TrainConfig) -> Tensor:
     return torch.stack(terms).sum()
 
 
-def head_losses(model: NeuGrasp, truths: list[Truth], generator: torch.Generator) -> Losses:
+def head_loss(model: NeuGrasp, truths: list[Truth], generator: torch.Generator) -> Tensor:
     """The grasp head alone, on true TSDFs made imperfect the way predictions are."""
     device = next(model.parameters()).device
     grids = torch.stack([imperfect(truth.tsdf, generator) for truth in truths]).to(device)
-    return {"grasp": grasp_loss(model.head(grids), [truth.labels.to(device) for truth in truths])}
+    return grasp_loss(model.head(grids), [truth.labels.to(device) for truth in truths])
 
 
 def imperfect(tsdf: Tensor, generator: torch.Generator) -> Tensor:

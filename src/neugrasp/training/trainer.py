@@ -25,7 +25,7 @@ from neugrasp.training.progress_picture import save_progress_picture
 from neugrasp.training.recipes import recipe
 from neugrasp.training.samples import Sample, Truth
 from neugrasp.training.state import Learner, load_state, save_state
-from neugrasp.training.step import head_losses, joint_losses, total
+from neugrasp.training.step import head_loss, joint_losses, total
 from neugrasp.training.validation import validate, validate_head
 
 log = logging.getLogger(__name__)
@@ -173,13 +173,15 @@ def _step(learner: Learner, data: TrainingSet, config: TrainConfig, step: int) -
     for group in learner.optimizer.param_groups:
         group["lr"] = config.learning_rate_at(step)
     device = next(model.parameters()).device
+    truths = data.truths_at(step * config.head_batch, config.head_batch)
     with torch.autocast(device.type, torch.bfloat16, enabled=config.bfloat16):
         if step < config.head_steps:
-            truths = data.truths_at(step * config.head_batch, config.head_batch)
-            losses = head_losses(model, truths, generator)
+            losses = {"grasp": head_loss(model, truths, generator)}
         else:
             sample = data.take(step - config.head_steps).to(device)
             losses = joint_losses(model, sample, config, config.sharpness_at(step), generator)
+            if config.weights.rehearsal:
+                losses["rehearsal"] = head_loss(model, truths, generator)
         loss = total(losses, config)
     if not torch.isfinite(loss):
         raise NeuGraspError(
