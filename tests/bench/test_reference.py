@@ -45,7 +45,7 @@ def lively(config: ModelConfig) -> NeuGrasp:
 CONFIGS = {
     "tiny": (tiny().model, 64, 4),
     "tiny, one view": (tiny().model, 64, 1),
-    "tiny, instance norm": (replace(tiny().model, encoder_norm="instance"), 64, 2),
+    "tiny, w/o change": (replace(tiny().model, use_change=False), 64, 2),
     "tiny, w/o f_attn": (replace(tiny().model, use_residual_attention=False), 64, 3),
     "tiny, w/o V_occ": (replace(tiny().model, use_occupancy_prior=False), 64, 3),
     "tiny, w/o backgrounds": (replace(tiny().model, use_backgrounds=False), 64, 3),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -15,9 +14,6 @@ class ModelConfig:
     encoder_width: int = 32
     """Channels of the first stage; the next two have 2 x and 4 x."""
     encoder_blocks: tuple[int, int, int] = (2, 3, 6)
-    encoder_norm: Literal["instance", "pixel"] = "instance"
-    """Over a whole map, as in the paper, or over the channels of each pixel. With the first, an object
-    changes the features of the table all around it, and they differ from those of the background."""
     feature_dim: int = 32
     volume_dim: int = 16
     volume_hidden: tuple[int, int, int, int] = (16, 16, 32, 48)
@@ -31,6 +27,8 @@ class ModelConfig:
     """Channels of the grasp head's encoder (VGN's)."""
     use_residual_attention: bool = True
     """Eq. 7. False is the ablation "w/o f_attn": scene features take its place."""
+    use_change: bool = False
+    """Whether the residual branch also gets features of the photos' own differences; not in the paper."""
     use_occupancy_prior: bool = True
     """False is the ablation "w/o V_occ": the residual branch gets no volume."""
     use_backgrounds: bool = True

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
 from neugrasp.model.config import ModelConfig
-from neugrasp.model.norm import GroupNorm, PixelNorm
+from neugrasp.model.norm import GroupNorm
 
-Norm = Callable[[int], nn.Module]
-"""Channels -> what normalises them."""
+CHANGE_GAIN = 4.0
+"""Brings differences of photos to the scale of features."""
 
 
 class ReflectedConv(nn.Conv2d):
@@ -30,7 +28,7 @@ class ReflectedConv(nn.Conv2d):
         return super().forward(bordered)
 
 
-def instance_norm(channels: int) -> GroupNorm:
+def norm(channels: int) -> GroupNorm:
     """Instance normalisation with learned scale."""
     return GroupNorm(channels, channels)
 
@@ -38,7 +36,7 @@ def instance_norm(channels: int) -> GroupNorm:
 class ResidualBlock(nn.Module):
     """Two 3 x 3 convolutions and a short cut."""
 
-    def __init__(self, channels_in: int, channels_out: int, stride: int, norm: Norm):
+    def __init__(self, channels_in: int, channels_out: int, stride: int):
         super().__init__()
         self.body = nn.Sequential(
             ReflectedConv(channels_in, channels_out, stride=stride),
@@ -58,13 +56,13 @@ class ResidualBlock(nn.Module):
         return F.relu(self.body(x) + self.shortcut(x))
 
 
-def _stage(channels_in: int, channels_out: int, blocks: int, norm: Norm) -> nn.Sequential:
-    first = ResidualBlock(channels_in, channels_out, 2, norm)
-    rest = [ResidualBlock(channels_out, channels_out, 1, norm) for _ in range(blocks - 1)]
+def _stage(channels_in: int, channels_out: int, blocks: int) -> nn.Sequential:
+    first = ResidualBlock(channels_in, channels_out, stride=2)
+    rest = [ResidualBlock(channels_out, channels_out, stride=1) for _ in range(blocks - 1)]
     return nn.Sequential(first, *rest)
 
 
-def _fuse(channels_in: int, channels_out: int, norm: Norm) -> nn.Sequential:
+def _fuse(channels_in: int, channels_out: int) -> nn.Sequential:
     return nn.Sequential(ReflectedConv(channels_in, channels_out), norm(channels_out), nn.ELU())
 
 
@@ -75,15 +73,14 @@ class FeatureNet(nn.Module):
         super().__init__()
         first, second, third = (config.encoder_width * k for k in (1, 2, 4))
         blocks = config.encoder_blocks
-        norm: Norm = instance_norm if config.encoder_norm == "instance" else PixelNorm
         self.stem = nn.Sequential(ReflectedConv(3, first, kernel=7, stride=2), norm(first), nn.ReLU())
-        self.stage1 = _stage(first, first, blocks[0], norm)
-        self.stage2 = _stage(first, second, blocks[1], norm)
-        self.stage3 = _stage(second, third, blocks[2], norm)
-        self.up2 = _fuse(third, second, norm)
-        self.join2 = _fuse(2 * second, second, norm)
-        self.up1 = _fuse(second, first, norm)
-        self.join1 = _fuse(2 * first, first, norm)
+        self.stage1 = _stage(first, first, blocks[0])
+        self.stage2 = _stage(first, second, blocks[1])
+        self.stage3 = _stage(second, third, blocks[2])
+        self.up2 = _fuse(third, second)
+        self.join2 = _fuse(2 * second, second)
+        self.up1 = _fuse(second, first)
+        self.join1 = _fuse(2 * first, first)
         self.out = nn.Conv2d(first, config.feature_dim, 1)
 
     def forward(self, images: Tensor) -> Tensor:
@@ -121,3 +118,22 @@ class ResidualAttention(nn.Module):
         key = self.key(scene)
         gate = torch.sigmoid(self.gate(key - self.query(background)))
         return self.out(self.value(key) * gate)
+
+
+class ChangeFeatures(nn.Module):
+    """What changed against the background, straight from the photos; zero where nothing did.
+
+    The encoder's features differ from the background's everywhere: it normalises over the whole photo, so a
+    few objects change those of the table all around them (docs/training_log.md).
+    """
+
+    def __init__(self, dim: int):
+        super().__init__()
+        self.layers = nn.Sequential(
+            nn.Conv2d(3, dim, 5, 2, 2, bias=False), nn.ReLU(), nn.Conv2d(dim, dim, 5, 2, 2, bias=False)
+        )
+
+    def forward(self, images: Tensor, backgrounds: Tensor) -> Tensor:
+        """Maps (n, dim, s / 4, s / 4) of photos (n, 3, s, s) in [0, 1]."""
+        maps: Tensor = self.layers(CHANGE_GAIN * (images - backgrounds))
+        return maps

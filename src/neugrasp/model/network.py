@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from neugrasp.geometry.sampling import sample_volume
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.config import ModelConfig
-from neugrasp.model.features import FeatureNet, ResidualAttention
+from neugrasp.model.features import ChangeFeatures, FeatureNet, ResidualAttention
 from neugrasp.model.grasp_head import GraspHead, GraspVolume
 from neugrasp.model.inputs import ViewTensors
 from neugrasp.model.rendering import Rays, Rendered, composite, concentrate, ray_weights, spread
@@ -51,6 +51,8 @@ class NeuGrasp(nn.Module):
         self.features = FeatureNet(config)
         uses_attention = config.use_backgrounds and config.use_residual_attention
         self.residual = ResidualAttention(config.feature_dim) if uses_attention else None
+        uses_change = config.use_backgrounds and config.use_change
+        self.change = ChangeFeatures(config.feature_dim) if uses_change else None
         self.volumes = VolumeNet(config)
         self.field = SdfField(config)
         self.head = GraspHead(config)
@@ -74,7 +76,7 @@ class NeuGrasp(nn.Module):
 
     def reconstruct(self, scene: Tensor, background: Tensor | None, views: ViewTensors) -> Reconstruction:
         """The field and its values on the grid, from the feature maps of photos and backgrounds."""
-        maps, priors = self._field_maps(scene, background)
+        maps, priors = self._field_maps(scene, background, views)
         centres = torch.from_numpy(self.workspace.voxel_centres()).to(scene)
         pixels, seen = views.cameras.project(centres.reshape(-1, 3))
         voxels = views.cameras.corners(pixels, scene.shape).where(seen)
@@ -83,13 +85,18 @@ class NeuGrasp(nn.Module):
         sdf = self.field.on_grid(encoded, voxels, seen)
         return Reconstruction(encoded, sdf, seen.any(0).reshape(sdf.shape))
 
-    def _field_maps(self, scene: Tensor, background: Tensor | None) -> tuple[Maps, Maps]:
+    def _field_maps(self, scene: Tensor, background: Tensor | None, views: ViewTensors) -> tuple[Maps, Maps]:
         """What the view transformers read, and what the prior volumes are made from."""
         if background is None:
             return (scene,), (scene,)
-        attended = scene if self.residual is None else self.residual(scene, background)
-        priors = (scene, scene - background) if self.config.use_occupancy_prior else (scene,)
-        return (scene, attended.float()), priors
+        attended = scene if self.residual is None else self.residual(scene, background).float()
+        residue = scene - background
+        if self.change is not None:
+            change = self.change(views.images, views.backgrounds).float()
+            residue = residue + change
+            attended = attended if self.residual is None else attended + change
+        priors = (scene, residue) if self.config.use_occupancy_prior else (scene,)
+        return (scene, attended), priors
 
     def sharpness(self, scheduled: float) -> Tensor:
         """NeuS sharpness in 1 / metre: learned if the model learns it, else the schedule's value."""

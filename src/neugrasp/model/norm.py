@@ -1,9 +1,8 @@
-"""Normalisation of maps and volumes whose channels lie last in memory."""
+"""Group normalisation of maps and volumes whose channels lie last in memory."""
 
 from __future__ import annotations
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor, nn
 
 SMALL = 1024
@@ -23,13 +22,3 @@ class GroupNorm(nn.GroupNorm):
             return super().forward(x)
         last = torch.channels_last if x.dim() == 4 else torch.channels_last_3d
         return super().forward(x.contiguous()).contiguous(memory_format=last)
-
-
-class PixelNorm(nn.LayerNorm):
-    """Layer normalisation over the channels of each pixel of maps (n, c, h, w)."""
-
-    def forward(self, x: Tensor) -> Tensor:
-        """The same shape and the same order in memory."""
-        pixels = x.permute(0, 2, 3, 1)
-        normed = F.layer_norm(pixels, self.normalized_shape, self.weight, self.bias, self.eps)
-        return normed.permute(0, 3, 1, 2)

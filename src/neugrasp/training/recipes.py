@@ -21,11 +21,11 @@ def small() -> TrainConfig:
         coarse_samples=32,
         fine_samples=24,
         encoder_blocks=(2, 2, 3),
-        encoder_norm="pixel",
+        use_change=True,
     )
     return TrainConfig(
         model=model,
-        weights=LossWeights(eikonal=0.3, rehearsal=0.01, carving=0.1, grid_carving=0.3, table=0.1),
+        weights=LossWeights(rehearsal=0.01, carving=0.1, grid_carving=0.3, table=0.1),
         steps=9_000,
         head_steps=5_000,
         learning_rate=1e-3,
@@ -79,7 +79,7 @@ def tiny() -> TrainConfig:
         image_size=64,
         encoder_width=4,
         encoder_blocks=(1, 1, 1),
-        encoder_norm="pixel",
+        use_change=True,
         feature_dim=4,
         volume_dim=4,
         volume_hidden=(4, 4, 8, 8),

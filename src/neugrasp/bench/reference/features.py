@@ -13,42 +13,36 @@ def _conv3x3(channels_in: int, channels_out: int, stride: int = 1) -> nn.Conv2d:
     return nn.Conv2d(channels_in, channels_out, 3, stride, 1, bias=False, padding_mode="reflect")
 
 
-class _PixelNorm(nn.LayerNorm):
-    def forward(self, x: Tensor) -> Tensor:
-        normed: Tensor = super().forward(x.movedim(1, -1))
-        return normed.movedim(-1, 1)
-
-
-def _norm(kind: str, channels: int) -> nn.Module:
-    return nn.InstanceNorm2d(channels, affine=True) if kind == "instance" else _PixelNorm(channels)
+def _norm(channels: int) -> nn.InstanceNorm2d:
+    return nn.InstanceNorm2d(channels, affine=True)
 
 
 class _Block(nn.Module):
-    def __init__(self, channels_in: int, channels_out: int, stride: int, norm: str):
+    def __init__(self, channels_in: int, channels_out: int, stride: int):
         super().__init__()
         self.body = nn.Sequential(
             _conv3x3(channels_in, channels_out, stride),
-            _norm(norm, channels_out),
+            _norm(channels_out),
             nn.ReLU(),
             _conv3x3(channels_out, channels_out),
-            _norm(norm, channels_out),
+            _norm(channels_out),
         )
         self.shortcut: nn.Module = nn.Identity()
         if stride != 1 or channels_in != channels_out:
             convolution = nn.Conv2d(channels_in, channels_out, 1, stride, bias=False)
-            self.shortcut = nn.Sequential(convolution, _norm(norm, channels_out))
+            self.shortcut = nn.Sequential(convolution, _norm(channels_out))
 
     def forward(self, x: Tensor) -> Tensor:
         return F.relu(self.body(x) + self.shortcut(x))
 
 
-def _stage(channels_in: int, channels_out: int, blocks: int, norm: str) -> nn.Sequential:
-    rest = [_Block(channels_out, channels_out, 1, norm) for _ in range(blocks - 1)]
-    return nn.Sequential(_Block(channels_in, channels_out, 2, norm), *rest)
+def _stage(channels_in: int, channels_out: int, blocks: int) -> nn.Sequential:
+    rest = [_Block(channels_out, channels_out, 1) for _ in range(blocks - 1)]
+    return nn.Sequential(_Block(channels_in, channels_out, 2), *rest)
 
 
-def _fuse(channels_in: int, channels_out: int, norm: str) -> nn.Sequential:
-    return nn.Sequential(_conv3x3(channels_in, channels_out), _norm(norm, channels_out), nn.ELU())
+def _fuse(channels_in: int, channels_out: int) -> nn.Sequential:
+    return nn.Sequential(_conv3x3(channels_in, channels_out), _norm(channels_out), nn.ELU())
 
 
 class PlainFeatures(nn.Module):
@@ -57,16 +51,16 @@ class PlainFeatures(nn.Module):
     def __init__(self, config: ModelConfig):
         super().__init__()
         first, second, third = (config.encoder_width * k for k in (1, 2, 4))
-        blocks, norm = config.encoder_blocks, config.encoder_norm
+        blocks = config.encoder_blocks
         enter = nn.Conv2d(3, first, 7, 2, 3, bias=False, padding_mode="reflect")
-        self.stem = nn.Sequential(enter, _norm(norm, first), nn.ReLU())
-        self.stage1 = _stage(first, first, blocks[0], norm)
-        self.stage2 = _stage(first, second, blocks[1], norm)
-        self.stage3 = _stage(second, third, blocks[2], norm)
-        self.up2 = _fuse(third, second, norm)
-        self.join2 = _fuse(2 * second, second, norm)
-        self.up1 = _fuse(second, first, norm)
-        self.join1 = _fuse(2 * first, first, norm)
+        self.stem = nn.Sequential(enter, _norm(first), nn.ReLU())
+        self.stage1 = _stage(first, first, blocks[0])
+        self.stage2 = _stage(first, second, blocks[1])
+        self.stage3 = _stage(second, third, blocks[2])
+        self.up2 = _fuse(third, second)
+        self.join2 = _fuse(2 * second, second)
+        self.up1 = _fuse(second, first)
+        self.join1 = _fuse(2 * first, first)
         self.out = nn.Conv2d(first, config.feature_dim, 1)
 
     def forward(self, images: Tensor) -> Tensor:

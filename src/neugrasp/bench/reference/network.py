@@ -1,8 +1,9 @@
 """The whole network as one would first write it, at the weights of a `NeuGrasp`.
 
 Float32 throughout, backgrounds encoded every time, every token of every point attended to, maps read again
-for each use. Shared with the product, because there is only one way to write them: reading maps and volumes
-(PyTorch's own `grid_sample`), placing samples on rays and adding up what they weigh.
+for each use. Shared with the product, because there is only one way to write them: the
+features of the change, reading maps and volumes (PyTorch's own `grid_sample`), placing samples on rays and
+adding up what they weigh.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from neugrasp.bench.reference.field import PlainField, PlainScene
 from neugrasp.bench.reference.volumes import PlainVolumes
 from neugrasp.geometry.sampling import sample_images, sample_volume
 from neugrasp.model.config import ModelConfig
+from neugrasp.model.features import ChangeFeatures
 from neugrasp.model.grasp_head import GraspVolume
 from neugrasp.model.inputs import ViewTensors
 from neugrasp.model.network import GRID_SAMPLES, NeuGrasp
@@ -74,6 +76,8 @@ class ReferenceNetwork(nn.Module):
         self.features = PlainFeatures(config)
         uses_attention = config.use_backgrounds and config.use_residual_attention
         self.residual = PlainResidual(config.feature_dim) if uses_attention else None
+        uses_change = config.use_backgrounds and config.use_change
+        self.change = ChangeFeatures(config.feature_dim) if uses_change else None
         self.volumes = PlainVolumes(config)
         self.field = PlainField(config)
         self.head = PlainHead(config)
@@ -100,10 +104,11 @@ class ReferenceNetwork(nn.Module):
         volumes = [self._volume(scene, pixels, seen, views)]
         maps = scene
         if background is not None:
-            attended = scene if self.residual is None else self.residual(scene, background)
+            change = 0 if self.change is None else self.change(views.images, views.backgrounds)
+            attended = scene if self.residual is None else self.residual(scene, background) + change
             maps = torch.cat([scene, attended], dim=1)
             if self.config.use_occupancy_prior:
-                volumes.append(self._volume(scene - background, pixels, seen, views))
+                volumes.append(self._volume(scene - background + change, pixels, seen, views))
         encoded = PlainScene(views.images, maps, tuple(volumes), views.cameras, self.workspace)
         sdf = self.field.on_grid(encoded)
         return PlainReconstruction(encoded, sdf, seen.any(0).reshape(sdf.shape))
