@@ -7,7 +7,8 @@ from torch.testing import assert_close
 
 from neugrasp.bench.reference.attention import PlainViewTransformer
 from neugrasp.bench.reference.network import renamed
-from neugrasp.model.attention import BLOCK, RayTransformer, ViewTransformer, positive
+from neugrasp.model.attention import RayTransformer, ViewTransformer
+from neugrasp.model.view_layer import BLOCK, positive
 
 
 def attend(query: torch.Tensor, key: torch.Tensor, value: torch.Tensor, heads: int) -> torch.Tensor:
@@ -77,7 +78,7 @@ def test_gradients_of_the_view_transformer_are_those_of_the_plain_layer():
     torch.manual_seed(0)
     layer, plain = ViewTransformer(12, heads=4), PlainViewTransformer(12, heads=4)
     plain.load_state_dict({renamed(f"view_transformers.{n}")[18:]: p for n, p in layer.state_dict().items()})
-    tokens = torch.randn(3, BLOCK + 5, 12)
+    tokens = torch.randn(3, BLOCK["cpu"] + 5, 12)
     ours, theirs = tokens.clone().requires_grad_(), tokens.clone().requires_grad_()
     unified, views = layer(ours, need_views=True)
     assert views is not None

@@ -66,10 +66,15 @@ def timed(subject: Subject) -> Run:
 
 
 def counted(subject: Subject) -> Run:
-    """One pass with operations and bytes counted, which makes it slow."""
+    """One pass with operations and bytes counted, which makes it slow; on one thread, as others go unseen."""
     counter = FlopCounter()
-    with counter:
-        return _run(subject, counter)
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        with counter:
+            return _run(subject, counter)
+    finally:
+        torch.set_num_threads(threads)
 
 
 def _run(subject: Subject, counter: FlopCounter | None) -> Run:

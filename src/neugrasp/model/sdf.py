@@ -61,16 +61,6 @@ class FieldSamples:
     num_seen: Tensor
     """(r, s) how many views see the point."""
 
-    @classmethod
-    def joined(cls, parts: list[FieldSamples]) -> FieldSamples:
-        """Of some rays, and of others."""
-        colours = [part.colour for part in parts if part.colour is not None]
-        return cls(
-            torch.cat([part.sdf for part in parts]),
-            torch.cat(colours) if colours else None,
-            torch.cat([part.num_seen for part in parts]),
-        )
-
 
 def order_encoding(num: int, like: Tensor) -> Tensor:
     """Sinusoids (num, 8) of the place of a sample on its ray: from half a wave per ray down to a sixteenth.
@@ -133,10 +123,10 @@ class SdfField(nn.Module):
         """
         num, samples, _ = points.shape
         order = order_encoding(samples, points)
-        maps = [Table.of_maps(one) for one in scene.maps]
-        volumes, images = Table.of(scene.volumes.flatten(0, 2)), Table.of_images(scene.images)
+        maps, volumes = Table.of_maps(torch.cat(scene.maps, dim=1)), Table.of(scene.volumes.flatten(0, 2))
+        images = Table.of_images(scene.images)
 
-        def field(start: int, stop: int) -> FieldSamples:
+        def field(start: int, stop: int) -> tuple[Tensor, ...]:
             flat = points[start:stop].flatten(0, 1)
             pixels, seen = scene.cameras.project(flat)
             corners = scene.cameras.corners(pixels, scene.maps[0].shape).where(seen)
@@ -144,13 +134,14 @@ class SdfField(nn.Module):
             places = Places(points[start:stop], self._tokens(maps, corners, within.read(volumes)), seen)
             sdf, views = self._along(places, order, scene.workspace, need_views=eye is not None)
             if eye is None or views is None:
-                return FieldSamples(sdf, None, places.num_seen)
+                return sdf, places.num_seen
             colours = scene.cameras.corners(pixels, scene.images.shape).read(images)
             weights = self._blending_weights(views, scene.cameras, places, eye)
-            colour = (weights * colours).sum(0).reshape(places.points.shape)
-            return FieldSamples(sdf, colour, places.num_seen)
+            return sdf, places.num_seen, (weights * colours).sum(0).reshape(places.points.shape)
 
-        return FieldSamples.joined(in_chunks(field, num, points.device, samples))
+        learns = [maps.values, volumes.values, *self.parameters()]
+        sdf, num_seen, *colour = in_chunks(field, num, points.device, samples, learns)
+        return FieldSamples(sdf, colour[0] if colour else None, num_seen)
 
     def on_grid(self, scene: EncodedViews, voxels: Corners, seen: Tensor) -> Tensor:
         """Signed distance (r, r, r) at the voxel centres, whose places (n, r^3) in the maps are known.
@@ -160,19 +151,21 @@ class SdfField(nn.Module):
         edge = scene.workspace.resolution
         columns = torch.from_numpy(scene.workspace.voxel_centres()).to(scene.volumes).flatten(0, 1)
         order = order_encoding(edge, columns).flip(0)
-        maps, priors = [Table.of_maps(one) for one in scene.maps], scene.volumes.flatten(0, 2)
+        maps, priors = Table.of_maps(torch.cat(scene.maps, dim=1)), scene.volumes.flatten(0, 2)
 
-        def field(start: int, stop: int) -> Tensor:
+        def field(start: int, stop: int) -> tuple[Tensor, ...]:
             part = slice(start * edge, stop * edge)
             tokens = self._tokens(maps, voxels.part(part), priors[part])
             places = Places(columns[start:stop], tokens, seen[:, part])
-            return self._along(places, order, scene.workspace, need_views=False)[0]
+            return self._along(places, order, scene.workspace, need_views=False)[:1]
 
-        return torch.cat(in_chunks(field, edge**2, columns.device, edge)).reshape(edge, edge, edge)
+        learns = [maps.values, priors, *self.parameters()]
+        (sdf,) = in_chunks(field, edge**2, columns.device, edge, learns)
+        return sdf.reshape(edge, edge, edge)
 
-    def _tokens(self, maps: list[Table], corners: Corners, priors: Tensor) -> tuple[Tensor, ...]:
+    def _tokens(self, maps: Table, corners: Corners, priors: Tensor) -> tuple[Tensor, ...]:
         """View tokens (n, p, d) of each branch: what its maps show, with its prior where it has one."""
-        tokens = [corners.read(table) for table in maps]
+        tokens = list(corners.read(maps).split(self.config.feature_dim, dim=-1))
         for index, prior in enumerate(priors.split(self.config.volume_dim, dim=-1)):
             shared = prior.to(tokens[index].dtype).expand(len(tokens[index]), -1, -1)
             tokens[index] = torch.cat([tokens[index], shared], dim=-1)

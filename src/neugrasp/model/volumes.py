@@ -68,16 +68,15 @@ class VolumeNet(nn.Module):
         """
         tables = [Table.of_maps(one) for one in maps]
 
-        def summaries(start: int, stop: int) -> Tensor:
+        def summaries(start: int, stop: int) -> tuple[Tensor, ...]:
             part = slice(start, stop)
             places = voxels.part(part)
             features = [self.reduce(places.read(table)) for table in tables]
-            return torch.stack(
-                [torch.cat(masked_mean_and_variance(one, seen[:, part]), -1) for one in features]
-            )
+            return tuple(torch.cat(masked_mean_and_variance(one, seen[:, part]), -1) for one in features)
 
         num = seen.shape[1]
-        x = torch.cat(in_chunks(summaries, num, seen.device), dim=1)
+        learns = [*(table.values for table in tables), *self.reduce.parameters()]
+        x = torch.stack(in_chunks(summaries, num, seen.device, 1, learns))
         edge = round(num ** (1 / 3))
         x0 = self.enter(rearrange(x, "k (x y z) c -> k c x y z", x=edge, y=edge))
         x1 = self.down1(x0)

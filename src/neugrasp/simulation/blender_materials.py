@@ -92,12 +92,16 @@ def surface_nodes(tree: Any, texture: Parameters, roughness: float, specular: fl
 
 
 def world_nodes(tree: Any, image: Any, rotation: float, strength: float) -> None:
-    """A panorama turned about z by `rotation` radians."""
+    """A panorama turned about z by `rotation` radians.
+
+    The texture turns itself: its own mapping is a matrix, where a mapping node would compute sines and cosines
+    for every ray.
+    """
     nodes = NodeTree(tree)
-    direction = nodes.add("ShaderNodeTexCoord").outputs["Generated"]
-    turned = nodes.add("ShaderNodeMapping", {"Vector": direction, "Rotation": (0, 0, rotation)}).outputs[0]
-    colour = nodes.add("ShaderNodeTexEnvironment", {"Vector": turned}, image=image).outputs[0]
-    shader = nodes.add("ShaderNodeBackground", {"Color": colour, "Strength": strength}).outputs[0]
+    panorama = nodes.add("ShaderNodeTexEnvironment", image=image)
+    panorama.texture_mapping.rotation = (0, 0, rotation)
+    inputs = {"Color": panorama.outputs[0], "Strength": strength}
+    shader = nodes.add("ShaderNodeBackground", inputs).outputs[0]
     nodes.output(shader, "ShaderNodeOutputWorld")
 
 
