@@ -16,8 +16,10 @@ from PIL import Image, ImageDraw
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array, apply, from_quaternion
+from neugrasp.geometry.view_sets import view_set
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.simulation.cell import sample_cell
+from neugrasp.simulation.infrared import infrared_pair, infrared_renderer, infrared_sensor
 from neugrasp.simulation.materials import sample_materials
 from neugrasp.simulation.objects import ObjectModel
 from neugrasp.simulation.renderer import Renderer
@@ -180,6 +182,24 @@ def test_a_photo_does_not_depend_on_what_was_rendered_before_or_on_threads(shelf
     with Renderer(threads=1) as renderer:
         backwards = [renderer.render(cell, scene, shelf, [4, 0])[::-1] for cell, scene in reversed(jobs)]
     np.testing.assert_array_equal(forwards, backwards[::-1])
+
+
+def test_neither_does_an_infrared_pair(shelf: Shelf):
+    """Without a denoiser; with a lamp and the room's light, whose order in Cycles once came from the past."""
+    workspace = Workspace()
+    bodies = (ball(0.12, 0.15, 0.065), Body("toys", "pan", 1.0, (0.2, 0.2, 0.09), TILTED))
+    jobs = []
+    for seed in range(6):
+        cell = sample_cell(workspace, "released", seed, "test", size=64, num_targets=0)
+        sensor = view_set("released", workspace, np.random.default_rng(seed))[0]
+        pair, _ = infrared_pair(cell, infrared_sensor(sensor, 0.2), workspace, 0.055, 8)
+        scene = Scene("packed", seed, bodies, ())
+        jobs.append((pair, sample_materials(scene, "mixed", np.random.default_rng(seed))))
+    with infrared_renderer(1) as renderer:
+        forwards = [renderer.render(*job, shelf, [0])[0] for job in jobs]
+        backwards = [renderer.render(*job, shelf, [0])[0] for job in reversed(jobs)]
+    for one, other in zip(forwards, reversed(backwards), strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_pixels_outside_the_sensor_repeat_its_edge(renderer: Renderer, shelf: Shelf, cell: Cell):

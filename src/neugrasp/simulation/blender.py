@@ -153,6 +153,7 @@ class Stage:
             self._cell = cell
             return
         self._cell = None
+        self._forget()
         self._remove(self._static)
         light, table = cell["light"], cell["table"]
         image = self._bpy.data.images.load(str(self._panorama(light["hdri"])), check_existing=True)
@@ -172,6 +173,11 @@ class Stage:
             place = upright((x, y, floor["height"]), table["wall"]["azimuth"], table["wall"]["distance"])
             self._add_plane("wall", place, (6.0, 5.0), table["wall"]["texture"], table)
         self._cell = cell
+
+    def _forget(self) -> None:
+        """Drops what Cycles keeps: the order of its lights, and with it the noise, depends on the past."""
+        self._scene.render.use_persistent_data = False
+        self._scene.render.use_persistent_data = True
 
     def _panorama(self, name: str) -> Path:
         folder = self._bpy.utils.system_resource("DATAFILES", path="studiolights")
