@@ -94,8 +94,8 @@ def surface_nodes(tree: Any, texture: Parameters, roughness: float, specular: fl
 def world_nodes(tree: Any, image: Any, rotation: float, strength: float) -> None:
     """A panorama turned about z by `rotation` radians.
 
-    The texture turns itself: its own mapping is a matrix, where a mapping node would compute sines and cosines
-    for every ray.
+    The texture turns itself: its own mapping is a matrix, where a mapping node would compute sines and
+    cosines for every ray.
     """
     nodes = NodeTree(tree)
     panorama = nodes.add("ShaderNodeTexEnvironment", image=image)
