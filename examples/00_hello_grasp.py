@@ -17,9 +17,10 @@ from pathlib import Path
 import tyro
 
 from neugrasp.data.scene_folder import read_scene
+from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.demo import demo_scenes
 from neugrasp.detection.detector import NeuGraspDetector
-from neugrasp.export import whole_or_nothing, write_prediction
+from neugrasp.export import write_prediction
 
 
 def main(

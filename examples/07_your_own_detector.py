@@ -21,9 +21,10 @@ from scipy.ndimage import binary_closing, binary_fill_holes, binary_opening, dis
 
 from neugrasp.baselines.antipodal import antipodal_grasp
 from neugrasp.data.scene_folder import read_scene
+from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.demo import demo_scenes
 from neugrasp.detection.detector import Detection, Detector
-from neugrasp.export import whole_or_nothing, write_picture, write_prediction
+from neugrasp.export import write_picture, write_prediction
 from neugrasp.gripper import Gripper
 from neugrasp.pictures import surface_sheet
 from neugrasp.views import Views
