@@ -125,7 +125,7 @@ def test_a_click_on_a_gripper_selects_it(shown: tuple[Show, Browser], show: Show
     shown[1].click(*pixel_of(contents, spot, WINDOW, PAGE_ASPECT))
     assert until(lambda: show.settings.selected is contents.moments[0].grasps[0])
     assert until(lambda: "selected" in show.stage.names)
-    assert "0.950" in show.panel.words
+    assert until(lambda: "0.950" in show.panel.words)
     assert "60 mm" in show.panel.words
 
 
