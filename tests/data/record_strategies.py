@@ -50,9 +50,7 @@ def records(draw: st.DrawFn, name: str = "scene-0") -> Record:
 @st.composite
 def records_without_photos(draw: st.DrawFn, name: str = "scene-0") -> Record:
     """Such as `records`, of scenes that nobody photographed."""
-    nothing = np.zeros((0, 0, 0))
-    seen = {"depths": nothing.astype(np.float32), "masks": nothing.astype(np.int8)}
-    return replace(draw(records(name)), cell={"photos": False}, **without_photos(), **seen)
+    return replace(draw(records(name)), cell={"photos": False}, **without_photos())
 
 
 def noise(rng: np.random.Generator, count: int, size: int) -> np.ndarray:

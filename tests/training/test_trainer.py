@@ -67,10 +67,8 @@ def test_stopped_and_resumed_equals_never_stopped(data, held_out, tmp_path):
 @pytest.fixture
 def without_photos(tmp_path, make_record) -> Path:
     """A ball that nobody photographed."""
-    nothing = np.zeros((0, 0, 0))
-    seen = {"depths": nothing.astype(np.float32), "masks": nothing.astype(np.int8)}
     record = make_record(x=0.12, y=0.2, seed=5)
-    bare = replace(record, cell={"photos": False}, **records.without_photos(), **seen)
+    bare = replace(record, cell={"photos": False}, **records.without_photos())
     write_record(tmp_path / "bare" / "scenes" / bare.name, bare)
     return tmp_path / "bare"
 

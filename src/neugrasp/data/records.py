@@ -31,6 +31,7 @@ DEPTH_UNIT = 1e-4
 """Metres that one step of a stored depth stands for; 0 is no surface."""
 FILES = ("world.json", "cell.json", "truth.npz", "grasps.npz")
 PHOTO_FILES = ("scene.json", "targets/scene.json")
+NO_PHOTOS = np.zeros((0, 0, 0, 3), np.uint8)
 
 
 @dataclass(frozen=True)
@@ -97,12 +98,14 @@ class Record:
 
 
 def without_photos() -> dict[str, Any]:
-    """The fields of a `Record` that was never photographed."""
+    """The fields of a `Record` that depend on its photos, where there are none."""
     photos = ("images", "backgrounds", "targets", "target_backgrounds")
     return {
-        **{name: np.zeros((0, 0, 0, 3), np.uint8) for name in photos},
+        **{name: NO_PHOTOS for name in photos},
         "cameras": (),
         "target_cameras": (),
+        "depths": np.zeros((0, 0, 0), np.float32),
+        "masks": np.zeros((0, 0, 0), np.int8),
     }
 
 
@@ -137,12 +140,13 @@ def read_record(folder: Path) -> Record:
         cell = json.loads((folder / "cell.json").read_text(errors="replace"))
     except json.JSONDecodeError as error:
         raise InputError(f"{folder / 'cell.json'}: not valid JSON ({error})") from error
+    photos = _photos(folder) if cell.get("photos", True) else without_photos()
+    truth = truth_from_bytes((folder / "truth.npz").read_bytes(), str(folder / "truth.npz"))
     record = Record(
         name=folder.name,
         scene=world,
         cell=cell,
-        **(_photos(folder) if cell.get("photos", True) else without_photos()),
-        **truth_from_bytes((folder / "truth.npz").read_bytes(), str(folder / "truth.npz")),
+        **{**photos, **truth},
         labels=labels_from_bytes((folder / "grasps.npz").read_bytes(), str(folder / "grasps.npz")),
     )
     check_record(record, str(folder))
@@ -156,7 +160,7 @@ def _need(folder: Path, files: tuple[str, ...]) -> None:
 
 
 def _photos(folder: Path) -> dict[str, Any]:
-    """The fields that `without_photos` gives, read."""
+    """Photos, backgrounds and cameras, read."""
     _need(folder, PHOTO_FILES)
     inputs, targets = read_scene(folder), read_scene(folder / "targets")
     return {

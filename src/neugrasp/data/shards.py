@@ -18,7 +18,14 @@ import numpy as np
 from PIL import Image as Picture
 
 from neugrasp.data.labels import labels_from_bytes, labels_to_bytes
-from neugrasp.data.records import Record, check_record, read_record, truth_from_bytes, truth_to_bytes
+from neugrasp.data.records import (
+    NO_PHOTOS,
+    Record,
+    check_record,
+    read_record,
+    truth_from_bytes,
+    truth_to_bytes,
+)
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.simulation.scene import camera_from_dict, camera_to_dict, scene_from_json, scene_to_json
 from neugrasp.views import Image
@@ -196,7 +203,7 @@ def _record(archive: zipfile.ZipFile, name: str, source: str) -> Record:
 
 def _stacked(archive: zipfile.ZipFile, members: Sequence[str]) -> Image:
     images = [_image(archive, member) for member in members]
-    return np.stack(images) if images else np.zeros((0, 0, 0, 3), np.uint8)
+    return np.stack(images) if images else NO_PHOTOS
 
 
 def _image(archive: zipfile.ZipFile, member: str) -> Image:

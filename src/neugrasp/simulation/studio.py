@@ -120,9 +120,7 @@ class Studio:
         """The fields of a `Record` that depend on a work cell: photos, depth, and the cell itself."""
         config, cell_index = self.config, index // self.config.scenes_per_cell
         if self.photographer is None:
-            nothing = np.zeros((0, 0, 0))
-            seen = {"depths": nothing.astype(np.float32), "masks": nothing.astype(np.int8)}
-            return {"cell": {"photos": False, "split": config.split}, **without_photos(), **seen}
+            return {"cell": {"photos": False, "split": config.split}, **without_photos()}
         cell = self._cell(cell_index)
         with self._timed("backgrounds"):
             folder = config.out / "cells" / f"{cell_index:06d}"

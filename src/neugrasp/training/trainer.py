@@ -173,15 +173,14 @@ def _step(learner: Learner, data: TrainingSet, config: TrainConfig, step: int) -
     for group in learner.optimizer.param_groups:
         group["lr"] = config.learning_rate_at(step)
     device = next(model.parameters()).device
-    truths = data.truths_at(step * config.head_batch, config.head_batch)
     with torch.autocast(device.type, torch.bfloat16, enabled=config.bfloat16):
         if step < config.head_steps:
-            losses = {"grasp": head_loss(model, truths, generator)}
+            losses = {"grasp": head_loss(model, _truths(data, config, step), generator)}
         else:
             sample = data.take(step - config.head_steps).to(device)
             losses = joint_losses(model, sample, config, config.sharpness_at(step), generator)
             if config.weights.rehearsal:
-                losses["rehearsal"] = head_loss(model, truths, generator)
+                losses["rehearsal"] = head_loss(model, _truths(data, config, step), generator)
         loss = total(losses, config)
     if not torch.isfinite(loss):
         raise NeuGraspError(
@@ -190,6 +189,10 @@ def _step(learner: Learner, data: TrainingSet, config: TrainConfig, step: int) -
     loss.backward()
     learner.update(config.gradient_clip)
     return {"loss": float(loss.detach()), **{name: float(value.detach()) for name, value in losses.items()}}
+
+
+def _truths(data: TrainingSet, config: TrainConfig, step: int) -> list[Truth]:
+    return data.truths_at(step * config.head_batch, config.head_batch)
 
 
 def _validate(

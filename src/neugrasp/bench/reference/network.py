@@ -1,9 +1,9 @@
 """The whole network as one would first write it, at the weights of a `NeuGrasp`.
 
 Float32 throughout, backgrounds encoded every time, every token of every point attended to, maps read again
-for each use. Shared with the product, because there is only one way to write them: the
-features of the change, reading maps and volumes (PyTorch's own `grid_sample`), placing samples on rays and
-adding up what they weigh.
+for each use. Shared with the product, because there is only one way to write them: the features of the
+change, reading maps and volumes (PyTorch's own `grid_sample`), placing samples on rays and adding up what
+they weigh.
 """
 
 from __future__ import annotations
