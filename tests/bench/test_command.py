@@ -108,6 +108,14 @@ def test_a_machine_without_cuda_says_so(monkeypatch: pytest.MonkeyPatch, capsys:
     assert "use --device cpu" in capsys.readouterr().err
 
 
+def test_nothing_is_compiled_for_cuda(capsys: pytest.CaptureFixture[str]):
+    assert cli.main(["bench", "--device", "cuda", "--compile"]) == 2
+    assert "--compile: is for the CPU" in capsys.readouterr().err
+    assert cli.main(["train", "--data", "data", "--out", "out", "--device", "cuda", "--compile"]) == 2
+    assert "--compile: is for the CPU" in capsys.readouterr().err
+
+
 def test_the_line_that_repeats_a_run_is_read_back():
-    settings = SpeedTest(network="paper", part="inference", reference=False, threads=2)
-    assert settings.command() == "neugrasp bench --network paper --part inference --threads 2 --no-reference"
+    settings = SpeedTest(network="paper", part="training", compile=True, reference=False, threads=2)
+    line = "neugrasp bench --network paper --part training --threads 2 --compile --no-reference"
+    assert settings.command() == line

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import pytest
 import torch
 from torch.testing import assert_close
 
 from neugrasp.bench.reference.attention import PlainViewTransformer
 from neugrasp.bench.reference.network import renamed
+from neugrasp.errors import InputError
 from neugrasp.model.attention import RayTransformer, ViewTransformer
-from neugrasp.model.view_layer import BLOCK, positive
+from neugrasp.model.view_layer import BLOCK, PLAIN, Passes, fused, positive
 
 
 def attend(query: torch.Tensor, key: torch.Tensor, value: torch.Tensor, heads: int) -> torch.Tensor:
@@ -73,10 +75,21 @@ def test_rays_do_not_see_each_other():
     assert_close(layer(x, asks)[2:3], layer(x[2:3], asks[2:3]))
 
 
-def test_gradients_of_the_view_transformer_are_those_of_the_plain_layer():
+@pytest.fixture(params=["one by one", "fused"])
+def passes(request: pytest.FixtureRequest) -> Passes:
+    if request.param == "one by one":
+        return PLAIN
+    try:
+        return fused()
+    except InputError as error:
+        pytest.skip(str(error))
+
+
+def test_gradients_of_the_view_transformer_are_those_of_the_plain_layer(passes: Passes):
     """Its backward pass is written by hand. There are more points here than a block holds."""
     torch.manual_seed(0)
     layer, plain = ViewTransformer(12, heads=4), PlainViewTransformer(12, heads=4)
+    layer.passes = passes
     plain.load_state_dict({renamed(f"view_transformers.{n}")[18:]: p for n, p in layer.state_dict().items()})
     tokens = torch.randn(3, BLOCK["cpu"] + 5, 12)
     ours, theirs = tokens.clone().requires_grad_(), tokens.clone().requires_grad_()
@@ -87,9 +100,19 @@ def test_gradients_of_the_view_transformer_are_those_of_the_plain_layer():
     loss = (torch.cat([unified[None], views]).transpose(0, 1) * pull).sum()
     loss.backward()
     (expected * pull).sum().backward()
+    assert_close(torch.cat([unified[None], views]).transpose(0, 1), expected, atol=1e-4, rtol=1e-4)
     assert_close(ours.grad, theirs.grad, atol=1e-3, rtol=1e-3)
     truth = {name: parameter.grad for name, parameter in plain.named_parameters()}
     for name, parameter in layer.named_parameters():
         same = truth[renamed(f"view_transformers.{name}")[18:]]
         assert same is not None
         assert_close(parameter.grad, same, atol=1e-3 * float(same.abs().max()), rtol=1e-3)
+
+
+def test_without_a_compiler_fusing_says_what_is_missing(monkeypatch: pytest.MonkeyPatch):
+    def refuses(*_, **__):
+        raise RuntimeError("No working C++ compiler found\nand much more")
+
+    monkeypatch.setattr(torch, "compile", refuses)
+    with pytest.raises(InputError, match=r"needs a C\+\+ compiler .* \(No working C\+\+ compiler found\)"):
+        fused.__wrapped__()

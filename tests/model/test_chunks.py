@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 
 import pytest
 import torch
@@ -42,15 +43,18 @@ def test_pieces_cover_everything_once_in_order(monkeypatch: pytest.MonkeyPatch, 
     assert max(sizes) <= 2
 
 
-def test_threads_share_precision_and_mode_and_pass_errors_on():
-    def seen(index: int) -> tuple[int, bool, torch.dtype]:
+def test_threads_share_precision_mode_and_context_and_pass_errors_on():
+    setting = ContextVar("setting", default=0)
+    setting.set(7)
+
+    def seen(index: int) -> tuple[int, bool, torch.dtype, int]:
         if index == 5:
             raise ValueError("five")
         product = torch.ones(2, 2) @ torch.ones(2, 2)
-        return torch.get_num_threads(), torch.is_grad_enabled(), product.dtype
+        return torch.get_num_threads(), torch.is_grad_enabled(), product.dtype, setting.get()
 
     with computing_with(2), torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
-        assert set(in_threads(seen, range(4), 2)) == {(1, False, torch.bfloat16)}
+        assert set(in_threads(seen, range(4), 2)) == {(1, False, torch.bfloat16, 7)}
         with pytest.raises(ValueError, match="five"):
             in_threads(seen, range(6), 2)
         assert torch.get_num_threads() == 2

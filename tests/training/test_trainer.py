@@ -15,6 +15,7 @@ from neugrasp.data import records
 from neugrasp.data.records import write_record
 from neugrasp.errors import InputError
 from neugrasp.model.checkpoint import load_checkpoint
+from neugrasp.model.view_layer import BLOCK, PLAIN
 from neugrasp.training.recipes import RECIPES, recipe
 from neugrasp.training.trainer import TrainRun, configured, train
 
@@ -80,6 +81,24 @@ def test_scenes_without_photos_teach_the_head_alone(data, without_photos, tmp_pa
     assert train(both).is_file()
     with pytest.raises(InputError, match="no scene has photos; recipe tiny needs some"):
         train(TrainRun(recipe="tiny", data=(without_photos,), out=tmp_path / "tiny"))
+
+
+def test_the_compiled_layer_is_used_where_it_is_asked_for(data, tmp_path, monkeypatch):
+    """What compiling gives is tested with the layer; here something else takes its place."""
+    uses = []
+
+    def change(*inputs):
+        uses.append(inputs)
+        return PLAIN.change(*inputs)
+
+    monkeypatch.setattr("neugrasp.model.sdf.fused", lambda: PLAIN._replace(change=change))
+    monkeypatch.setitem(BLOCK, "cpu", 64)
+    run = TrainRun(recipe="tiny", data=(data,), out=tmp_path / "plain", steps=2)
+    train(run)
+    assert not uses
+    train(replace(run, out=tmp_path / "compiled", compile=True))
+    assert uses
+    assert losses_of(tmp_path / "compiled") == losses_of(tmp_path / "plain")
 
 
 def test_an_earlier_run_is_not_overwritten(data, tmp_path):

@@ -32,6 +32,8 @@ class SpeedTest:
     precision: Literal["own", "float32", "bfloat16"] = "own"
     """Of the products: what the detector and the recipe choose themselves, or one of these. The reference
     computes in float32."""
+    compile: bool = False
+    """Compile the product's training step as `neugrasp train --compile` does."""
     reference: bool = True
     """Time the plain reference implementation, too."""
     seed: int = 0
@@ -44,7 +46,10 @@ class SpeedTest:
             value = getattr(self, field.name)
             if field.name == "json" or value == field.default:
                 continue
-            words += [f"--no-{field.name}"] if value is False else [f"--{field.name}", str(value)]
+            if isinstance(value, bool):
+                words.append(f"--{field.name}" if value else f"--no-{field.name}")
+            else:
+                words += [f"--{field.name}", str(value)]
         return shlex.join(words)
 
     def run(self) -> str:
@@ -67,6 +72,8 @@ class SpeedTest:
             if value is not None and value < 1:
                 raise InputError(f"{option} {value}: must be at least 1")
         if self.device == "cuda":
+            if self.compile:
+                raise InputError("--compile: is for the CPU; leave it out with --device cuda")
             import torch
 
             if not torch.cuda.is_available():

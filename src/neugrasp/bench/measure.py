@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import torch
@@ -103,10 +104,18 @@ def measure(settings: SpeedTest) -> Measurement:
     return Measurement(settings, machine, rates, inference, training)
 
 
-def compare(product: Subject, reference: Subject | None, rounds: int) -> Comparison:
-    """Both in turns, `rounds` times each, after a pass each in which operations are counted."""
+def compare(
+    product: Subject, reference: Subject | None, rounds: int, fuse: Callable[[], None] | None = None
+) -> Comparison:
+    """Both in turns, `rounds` times each, after a pass each in which operations are counted.
+
+    `fuse` compiles parts of the product, once they are counted: inside them nothing could be.
+    """
     subjects = [product] if reference is None else [product, reference]
     costs = [counted(subject).stages for subject in subjects]
+    if fuse is not None:
+        fuse()
+        timed(product)
     for _ in range(WARM_UP[product.device.type]):
         for subject in subjects:
             timed(subject)
@@ -145,5 +154,6 @@ def _training(settings: SpeedTest, device: torch.device) -> Training:
         trainees.append(ReferenceTrainer(ReferenceNetwork(model), config))
     steps = [TrainingStep(trainee, sample, settings.seed) for trainee in trainees]
     rounds = (settings.rounds + 1) // 2
-    stages = compare(steps[0], steps[1] if settings.reference else None, rounds)
+    fuse = model.field.fuse if settings.compile else None
+    stages = compare(steps[0], steps[1] if settings.reference else None, rounds, fuse)
     return Training(stages, tuple(step.kept for step in steps))

@@ -11,7 +11,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from neugrasp.geometry.sampling import full_precision
-from neugrasp.model.view_layer import EPSILON, LayerWeights, ViewLayer, centred, positive
+from neugrasp.model.view_layer import EPSILON, PLAIN, LayerWeights, ViewLayer, centred, positive
 
 
 def linear(dim_in: int, dim_out: int) -> nn.Linear:
@@ -40,6 +40,7 @@ class ViewTransformer(nn.Module):
         if dim % heads:
             raise ValueError(f"width {dim} is not a multiple of {heads} heads")
         self.heads = heads
+        self.passes = PLAIN
         self.token = nn.Parameter(torch.randn(dim, 1))
         self.query = linear(dim, dim)
         self.key = linear(dim, dim)
@@ -57,7 +58,7 @@ class ViewTransformer(nn.Module):
         Without `need_views` only the learnable token asks questions, which is a fraction of the work.
         """
         num = 1 + len(tokens) if need_views else 1
-        attended: Tensor = ViewLayer.apply(self.heads, num, tokens, *self._weights())
+        attended: Tensor = ViewLayer.apply(self.passes, self.heads, num, tokens, *self._weights())
         return attended[0], attended[1:] if need_views else None
 
     def _weights(self) -> LayerWeights:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextvars import copy_context
 from typing import Any, TypeVar
 
 import torch
@@ -100,6 +101,8 @@ def in_threads(function: Callable[[A], B], things: Sequence[A], threads: int) ->
     torch.set_num_threads(1)
     try:
         with ThreadPoolExecutor(threads) as pool:
-            return list(pool.map(alone, things))
+            # torch.compile keeps its settings in the context.
+            contexts = [copy_context() for _ in things]
+            return list(pool.map(lambda thing, context: context.run(alone, thing), things, contexts))
     finally:
         torch.set_num_threads(before)

@@ -14,6 +14,7 @@ from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.attention import RayTransformer, ViewTransformer
 from neugrasp.model.chunks import in_chunks
 from neugrasp.model.config import ModelConfig
+from neugrasp.model.view_layer import fused
 
 ORDER_DIM = 8
 POSITION_FREQUENCIES = (1.0, 2.0, 4.0)
@@ -115,6 +116,13 @@ class SdfField(nn.Module):
         widths = (sum(dims) + 4, 64, 32, 16, 8)
         hidden = [(nn.Linear(a, b), nn.ReLU()) for a, b in itertools.pairwise(widths)]
         self.blending = nn.Sequential(*itertools.chain(*hidden), nn.Linear(widths[-1], 1))
+
+    def fuse(self) -> None:
+        """Computes the view transformers with `fused` passes from now on."""
+        passes = fused()
+        for module in self.view_transformers:
+            if isinstance(module, ViewTransformer):
+                module.passes = passes
 
     def forward(self, scene: EncodedViews, points: Tensor, eye: Tensor | None = None) -> FieldSamples:
         """The field at points (r, s, 3): r sequences ("rays") of s samples, ordered along the ray.

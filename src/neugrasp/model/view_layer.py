@@ -7,10 +7,14 @@ kept for the gradient, in the precision of the tokens.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
 from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
+
+from neugrasp.errors import InputError
 
 EPSILON = 1e-6
 """Added to the sum of a query's weights."""
@@ -53,8 +57,9 @@ class LayerWeights(NamedTuple):
     """(d, 1), likewise."""
 
     def rounded(self, kind: torch.dtype) -> LayerWeights:
-        """For products in another precision."""
-        return LayerWeights._make([*(one.to(kind) for one in self[:-2]), *self[-2:]])
+        """For products in another precision, as plain numbers: gradients are made by hand."""
+        *products, scale, shift = (one.detach() for one in self)
+        return LayerWeights._make([*(one.to(kind) for one in products), scale, shift])
 
     def joined(self, tokens: Tensor) -> Tensor:
         """The learnable token, then the tokens: (1 + n, p, d)."""
@@ -75,20 +80,28 @@ class _Kept(NamedTuple):
     mixed_scale: Tensor
 
 
+class Passes(NamedTuple):
+    """The layer over a block of points, there and back."""
+
+    change: Callable[[LayerWeights, Tensor, int, int], tuple[Tensor, _Kept]]
+    pulled: Callable[[LayerWeights, Tensor, _Kept, Tensor], tuple[Tensor, ...]]
+
+
 class ViewLayer(torch.autograd.Function):
     """(m, p, d): what the first m of the learnable token and tokens (n, p, d) become."""
 
     @staticmethod
-    def forward(ctx: Any, heads: int, num: int, tokens: Tensor, *weights: Tensor) -> Tensor:
+    def forward(ctx: Any, passes: Passes, heads: int, num: int, tokens: Tensor, *weights: Tensor) -> Tensor:
         own = LayerWeights(*weights).rounded(tokens.dtype)
         result = tokens.new_empty(num, *tokens.shape[1:])
         kept: list[Tensor] = []
         for block in _blocks(tokens):
             x = own.joined(tokens[:, block])
-            change, some = _change(own, x, heads, num)
+            change, some = _for_block(passes, x).change(own, x, heads, num)
             torch.add(x[:num], change.view(-1, num, x.shape[1]).permute(1, 2, 0), out=result[:, block])
             if any(ctx.needs_input_grad):
                 kept += some
+        ctx.passes = passes
         ctx.save_for_backward(tokens, *weights, *kept)
         return result
 
@@ -101,16 +114,22 @@ class ViewLayer(torch.autograd.Function):
         each = len(_Kept._fields)
         for index, block in enumerate(_blocks(tokens)):
             some = _Kept(*kept[each * index : each * (index + 1)])
-            to_x, *parts = _pulled(own, own.joined(tokens[:, block]), some, gradient[:, block])
+            x = own.joined(tokens[:, block])
+            to_x, *parts = _for_block(ctx.passes, x).pulled(own, x, some, gradient[:, block])
             to_tokens[:, block] = to_x[1:]
             for total, part in zip(totals, (to_x[0].sum(0), *parts), strict=True):
                 total.add_(part)
-        return None, None, to_tokens, *totals
+        return None, None, None, to_tokens, *totals
 
 
 def _blocks(tokens: Tensor) -> list[slice]:
     size = BLOCK[tokens.device.type]
     return [slice(start, start + size) for start in range(0, tokens.shape[1], size)]
+
+
+def _for_block(passes: Passes, x: Tensor) -> Passes:
+    """Only whole blocks are worth being compiled for: what is left over has another size every time."""
+    return passes if x.shape[1] == BLOCK[x.device.type] else PLAIN
 
 
 def _change(own: LayerWeights, x: Tensor, heads: int, num: int) -> tuple[Tensor, _Kept]:
@@ -212,3 +231,30 @@ def _before_norm(gradient: Tensor, result: Tensor, scale: Tensor) -> Tensor:
     """The gradient of what was `_normalised`, in place of that of the result."""
     along = (gradient * result).mean(0)
     return gradient.addcmul_(result, along, value=-1).mul_(scale)
+
+
+PLAIN = Passes(_change, _pulled)
+"""One operation of PyTorch after another."""
+
+
+@cache
+def fused() -> Passes:
+    """`PLAIN` compiled for a CPU, several operations in each pass over memory.
+
+    Takes half a minute for every number of views at first use, seconds from torch's cache later. Raises
+    `InputError` where there is no compiler.
+    """
+    # A C++ function around all of it lets go of the interpreter, so that the chunks' threads run at once.
+    options: dict[str, Any] = {"cpp_wrapper": True, "cpp.threads": 1}
+    try:
+        torch.compile(torch.add, options=options)(torch.ones(8), 1)
+    except Exception as error:  # torch's own classes of errors differ from version to version
+        reason = str(error).strip().splitlines()[0]
+        raise InputError(
+            "nothing can be compiled here: torch.compile needs a C++ compiler (g++ or clang) and Python's "
+            f"headers ({reason})"
+        ) from error
+    # A version for each number of views, of channels, and of tokens that ask. All versions know this name.
+    torch._dynamo.config.cache_size_limit = 64
+    change = torch.compile(_change, dynamic=False, options=options)
+    return Passes(change, torch.compile(_pulled, dynamic=False, options=options))
