@@ -249,7 +249,7 @@ def fused() -> Passes:
     try:
         torch.compile(torch.add, options=options)(torch.ones(8), 1)
     except Exception as error:  # torch's own classes of errors differ from version to version
-        reason = str(error).strip().splitlines()[0]
+        reason = (str(error).strip() or repr(error)).splitlines()[0]
         raise InputError(
             "nothing can be compiled here: torch.compile needs a C++ compiler (g++ or clang) and Python's "
             f"headers ({reason})"
