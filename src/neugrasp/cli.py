@@ -178,6 +178,8 @@ class Train:
     """Instead of the recipe's number of steps."""
     seed: int = 0
     """Of the first weights and of the order of the samples."""
+    scenes: int | None = None
+    """Train on so many of the scenes, evenly spread over --data; by default on all."""
     resume: bool = False
     """Go on from the last checkpoint in --out."""
     compile: bool = False
@@ -204,6 +206,7 @@ class Train:
                 device=self.device,
                 steps=self.steps,
                 seed=self.seed,
+                scenes=self.scenes,
                 resume=self.resume,
                 compile=self.compile,
             )

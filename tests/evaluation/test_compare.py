@@ -131,6 +131,27 @@ def test_the_page_of_results_has_a_row_and_an_origin_for_every_file(tmp_path: Pa
     assert write_results(folder, tmp_path / "again.md").read_text() == page
 
 
+@pytest.mark.parametrize(
+    ("changes", "figures"),
+    [
+        ({}, ""),
+        ({"depth": "stereo"}, "47.9 / 40.5 / 36.7 / 0.205"),
+        ({"depth": "stereo", "views": "paper"}, ""),
+        ({"depth": "stereo", "split": "train"}, ""),
+        ({"depth": "stereo", "protocol": "vgn"}, ""),
+        ({"detector": "neugrasp", "depth": None, "scene": "pile"}, "65.3 / 64.5 / 43.2 / 0.171"),
+        ({"detector": "neugrasp", "depth": None, "scene": "pile", "strategy": "highest"}, ""),
+    ],
+)
+def test_the_papers_figures_stand_beside_rows_of_their_kind(
+    tmp_path: Path, changes: dict[str, Any], figures: str
+):
+    (tmp_path / "row.json").write_text(json.dumps(metrics([played(0, "+")], **changes)))
+    page = write_results(tmp_path, tmp_path / "results.md").read_text()
+    (row,) = (line for line in page.splitlines() if line.startswith(("| vgn", "| neugrasp")))
+    assert row.endswith(f"| {figures} |")
+
+
 def test_foreign_files_and_empty_folders_are_refused(tmp_path: Path):
     with pytest.raises(InputError, match="holds neither"):
         write_results(tmp_path, tmp_path / "out.md")

@@ -105,6 +105,15 @@ def test_two_workers_and_a_second_run_give_the_same_metrics(undisturbed: Path, t
     assert all(path.stat().st_mtime_ns == mtime for path, mtime in before.items())
 
 
+def test_rounds_of_training_objects_are_others_and_say_so(undisturbed: Path, tmp_path: Path):
+    evaluate(small(tmp_path, split="train", rounds=1))
+    assert told(tmp_path)["split"] == "train"
+    assert told(tmp_path)["objects_sha256"] != told(undisturbed)["objects_sha256"]
+    assert "--split train" in told(tmp_path)["command"]
+    facts = json.loads((tmp_path / "run.json").read_text())
+    assert Rounds.of_facts(facts, ObjectLibrary.open(("glassware",))).split == "train"
+
+
 def test_a_longer_run_goes_on_from_a_shorter_one(undisturbed: Path, tmp_path: Path):
     evaluate(small(tmp_path, rounds=1))
     evaluate(small(tmp_path))
@@ -214,14 +223,22 @@ def test_rounds_are_the_same_for_all_materials_and_views(kind: str):
         rounds = Rounds(kind, 3, library, "diffuse", "released", num_objects=2, image_size=16)
         made = [
             replace(rounds, **changes).make(1, world)
-            for changes in ({}, {"materials": "transparent"}, {"views": "paper"}, {"seed": 4})
+            for changes in (
+                {},
+                {"materials": "transparent"},
+                {"views": "paper"},
+                {"seed": 4},
+                {"split": "train"},
+            )
         ]
         again = rounds.make(1, world)
-    plain, glass, paper, other = made
+    plain, glass, paper, other, train = made
     assert again.scene == plain.scene
     assert plain.scene.bodies == glass.scene.bodies == paper.scene.bodies
     assert plain.scene_sha256 == glass.scene_sha256 != other.scene_sha256
     assert plain.scene.materials != glass.scene.materials
+    assert {body.name for body in train.scene.bodies} <= {n for _, n in library.choices("train", kind)}
+    assert not {body.name for body in train.scene.bodies} & {n for _, n in library.choices("test", kind)}
     for changed in (glass, paper):
         assert (plain.cell.light, plain.cell.table) == (changed.cell.light, changed.cell.table)
     assert len(plain.sensors) == plain.cell.num_inputs == 4

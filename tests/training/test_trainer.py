@@ -83,6 +83,14 @@ def test_scenes_without_photos_teach_the_head_alone(data, without_photos, tmp_pa
         train(TrainRun(recipe="tiny", data=(without_photos,), out=tmp_path / "tiny"))
 
 
+def test_some_of_the_scenes(data, tmp_path):
+    run = TrainRun(recipe="tiny", data=(data,), out=tmp_path / "one", steps=1, scenes=1)
+    assert load_checkpoint(train(run)).about["scenes"] == 1
+    for number in (0, 3):
+        with pytest.raises(InputError, match=f"--scenes {number}: --data holds 1 to 2"):
+            train(replace(run, out=tmp_path / "other", scenes=number))
+
+
 def test_the_compiled_layer_is_used_where_it_is_asked_for(data, tmp_path, monkeypatch):
     """What compiling gives is tested with the layer; here something else takes its place."""
     uses = []

@@ -58,7 +58,13 @@ class Bench:
         self._photographer = photographer
         self._library = ObjectLibrary.open(config.object_sets, config.objects)
         self._rounds = Rounds(
-            config.scene, config.seed, self._library, config.materials, config.views, self.rules.num_objects
+            config.scene,
+            config.seed,
+            self._library,
+            config.materials,
+            config.views,
+            self.rules.num_objects,
+            split=config.split,
         )
         friction = self.rules.object_friction
         library = self._library if friction is None else _SameFriction(self._library, friction)

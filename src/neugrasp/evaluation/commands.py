@@ -41,6 +41,9 @@ class Evaluate:
     """A name of a bundled gripper, or a file."""
     objects: Path | None = None
     """A folder of URDF objects, instead of the built-in ones."""
+    split: Literal["test", "train"] = "test"
+    """Objects, tables and rooms of the rounds. train: those of training, to choose between weights without
+    having looked at the test."""
     seed: int = 0
     """The same seed gives the same rounds and the same metrics, whatever the number of workers."""
     workers: int | None = None

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -75,6 +77,12 @@ class Rounds:
     num_objects: int = 5
     image_size: int = 256
     split: str = "test"
+
+    @classmethod
+    def of_facts(cls, facts: Mapping[str, Any], library: ObjectLibrary) -> Rounds:
+        """Those of an evaluation whose run.json says `facts`."""
+        split = facts.get("split", "test")
+        return cls(facts["scene"], facts["seed"], library, facts["materials"], facts["views"], split=split)
 
     def make(self, index: int, world: World) -> Round:
         """Round `index`; `world` is used to lay it and holds something else afterwards."""

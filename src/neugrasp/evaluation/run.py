@@ -79,7 +79,7 @@ def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
     if config.depth != "exact" and config.detector != "vgn":
         raise InputError(f"--depth {config.depth}: only vgn sees depth, not {config.detector}")
     library = ObjectLibrary.open(config.object_sets, config.objects)
-    choices = library.choices("test", config.scene)
+    choices = library.choices(config.split, config.scene)
     names = json.dumps(choices)
     facts = {
         "detector": config.detector,
@@ -91,6 +91,7 @@ def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
         "depth": config.depth if config.detector == "vgn" else None,
         "gripper": Gripper.load(config.gripper).name,
         "seed": config.seed,
+        "split": config.split,
         "object_sets": list(config.object_sets),
         "objects_sha256": hashlib.sha256(names.encode()).hexdigest(),
         **weights_facts(config),

@@ -83,9 +83,7 @@ class _Stage:
         self._photographer = photographer
         self._library = ObjectLibrary.open(facts["object_sets"], objects)
         self.world = World(Workspace(), self._library, self.gripper)
-        self._rounds = Rounds(
-            facts["scene"], facts["seed"], self._library, facts["materials"], facts["views"]
-        )
+        self._rounds = Rounds.of_facts(facts, self._library)
 
     def fixed(self, index: int) -> Round:
         """What is fixed about a round."""

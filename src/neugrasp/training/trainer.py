@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -30,6 +30,8 @@ from neugrasp.training.validation import validate, validate_head
 
 log = logging.getLogger(__name__)
 
+T = TypeVar("T")
+
 
 @dataclass(frozen=True, kw_only=True)
 class TrainRun:
@@ -48,6 +50,8 @@ class TrainRun:
     init: str | None = None
     """Weights to start from, by name or file, instead of random ones; the head's stage then lies behind."""
     seed: int = 0
+    scenes: int | None = None
+    """So many of all scenes, evenly spread; by default all."""
     compile: bool = False
     """Compiles what is slow of the network first, for steps on a CPU."""
 
@@ -145,15 +149,19 @@ class _HeldOut:
         return [self._data.plain_truth(index) for index in self._any]
 
 
-def _spread(indices: Sequence[int], count: int) -> list[int]:
-    """At most `count` of the indices, evenly."""
-    places = np.linspace(0, len(indices) - 1, min(count, len(indices))).astype(int)
-    return [indices[place] for place in places.tolist()]
+def _spread(things: Sequence[T], count: int) -> list[T]:
+    """At most `count` of the things, evenly."""
+    places = np.linspace(0, len(things) - 1, min(count, len(things))).astype(int)
+    return [things[place] for place in places.tolist()]
 
 
 def _open_data(run: TrainRun, config: TrainConfig) -> tuple[TrainingSet, _HeldOut]:
     """The training set, and what is validated on."""
     records = _read_all(run.data)
+    if run.scenes is not None:
+        if not 1 <= run.scenes <= len(records):
+            raise InputError(f"--scenes {run.scenes}: --data holds 1 to {len(records)}")
+        records = _spread(records, run.scenes)
     if run.validation:
         held = _read_all(run.validation)
     else:

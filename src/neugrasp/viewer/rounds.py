@@ -73,8 +73,7 @@ def _cameras(
     facts: dict[str, Any], number: int, objects: Path | None, workspace: Workspace
 ) -> tuple[Camera, ...]:
     library = ObjectLibrary.open(facts["object_sets"], objects)
-    rounds = Rounds(facts["scene"], facts["seed"], library, facts["materials"], facts["views"])
-    return rounds.sensors(number, workspace)
+    return Rounds.of_facts(facts, library).sensors(number, workspace)
 
 
 def _colours(episode: Episode) -> dict[Identity, Colour]:
