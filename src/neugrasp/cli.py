@@ -159,6 +159,21 @@ class Pack:
 
 
 @dataclass(frozen=True)
+class DataSheet:
+    """Describes generated scenes: counts, balance of labels and materials, pictures."""
+
+    data: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="DIR [DIR ...]")]
+    """Folders made by `neugrasp generate`, or of shards packed from them; each has a column."""
+    out: Folder
+    """Where data_sheet.md and its two pictures are written, all or none."""
+
+    def run(self) -> Path:
+        from neugrasp.report.data_sheet import write_data_sheet
+
+        return write_data_sheet(self.data, self.out)
+
+
+@dataclass(frozen=True)
 class Train:
     """Trains the network on generated scenes. Goes on with --resume exactly where it stopped."""
 
@@ -229,6 +244,7 @@ COMMANDS: dict[str, Callable[..., Command]] = {
     "export": _positional(Export),
     "generate": Generate,
     "pack": Pack,
+    "datasheet": DataSheet,
     "train": Train,
     "validate": Validate,
     "evaluate": Evaluate,

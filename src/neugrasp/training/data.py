@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
@@ -22,18 +23,19 @@ from neugrasp.training.samples import (
 )
 
 
-def read_records(folder: Path) -> list[Record]:
-    """Every record in a folder of shards, or in one that `neugrasp generate` wrote.
+def read_records(folder: Path) -> Iterator[Record]:
+    """Every record in a folder of shards, or in one that `neugrasp generate` wrote, one after the other.
 
     Raises `InputError` where there are none or one is damaged.
     """
     if (folder / INDEX).is_file():
         shards = Shards(folder)
-        return [shards[index] for index in range(len(shards))]
+        yield from (shards[index] for index in range(len(shards)))
+        return
     found = [path.parent for path in sorted(folder.rglob("grasps.npz")) if ".tmp" not in str(path)]
     if not found:
         raise InputError(f"{folder}: no records; `neugrasp generate` makes some")
-    return [read_record(path) for path in found]
+    yield from map(read_record, found)
 
 
 class TrainingSet:
