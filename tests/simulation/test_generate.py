@@ -23,6 +23,7 @@ from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.simulation import generate as generation
 from neugrasp.simulation.generate import GenerateConfig, generate
 from neugrasp.simulation.physics import World
+from neugrasp.simulation.renderer import RenderSettings
 from neugrasp.simulation.studio import Studio
 
 HERE = Path(__file__).parent
@@ -186,6 +187,7 @@ def test_another_configuration_is_refused(undisturbed: Path, photographers: Modu
         ({"views": "orbit"}, "--views 'orbit'"),
         ({"gripper": "hook"}, "hook"),
         ({"seed": -1}, "--seed -1"),
+        ({"samples": 6}, "--samples 6; it must be a power of two"),
     ],
 )
 def test_options_that_cannot_be_used(
@@ -194,6 +196,23 @@ def test_options_that_cannot_be_used(
     with pytest.raises(InputError, match=message):
         generate(small(tmp_path / "out", **changes), photographers.NoisePhotographer)
     assert not (tmp_path / "out").exists()
+
+
+def test_samples_reach_the_renderer(
+    tmp_path: Path, photographers: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def renderer(threads: int, settings: RenderSettings) -> object:
+        asked.append(settings.samples)
+        return photographers.NoisePhotographer(threads)
+
+    monkeypatch.setattr(generation, "Renderer", renderer)
+    generate(small(tmp_path / "few", num=1, samples=4))
+    generate(small(tmp_path / "usual", num=1))
+    assert asked == [4, 8]
+    described = [json.loads((tmp_path / name / "dataset.json").read_text()) for name in ("few", "usual")]
+    assert [one.get("samples") for one in described] == [4, None]
 
 
 def test_two_runs_do_not_write_into_one_folder(tmp_path: Path, photographers: ModuleType) -> None:

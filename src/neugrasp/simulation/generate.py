@@ -16,6 +16,7 @@ from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing.queues import Queue
 from multiprocessing.util import Finalize
 from pathlib import Path
@@ -26,7 +27,7 @@ from neugrasp.gripper import Gripper
 from neugrasp.long_runs import begun_as, end_with, held
 from neugrasp.simulation.cell_photos import Photographer
 from neugrasp.simulation.objects import KINDS, SPLITS, ObjectLibrary
-from neugrasp.simulation.renderer import Renderer
+from neugrasp.simulation.renderer import Renderer, RenderSettings
 from neugrasp.simulation.studio import GenerateConfig, Studio
 
 __all__ = ["GenerateConfig", "generate"]
@@ -37,7 +38,7 @@ MakePhotographer = Callable[[int], AbstractContextManager[Photographer | None]]
 logger = logging.getLogger(__name__)
 
 
-def generate(config: GenerateConfig, make_photographer: MakePhotographer = Renderer) -> list[Path]:
+def generate(config: GenerateConfig, make_photographer: MakePhotographer | None = None) -> list[Path]:
     """Makes the scenes that `config.out` does not hold yet; the folders of all of them, in order.
 
     Raises `InputError` where the configuration is not valid or the folder holds another data set, and
@@ -52,9 +53,14 @@ def generate(config: GenerateConfig, make_photographer: MakePhotographer = Rende
         missing = [index for index, folder in enumerate(folders) if not folder.is_dir()]
         progress = _Progress(total=config.num, done=config.num - len(missing))
         if missing:
-            _make_all(config, missing, make_photographer if config.photos else _nobody, progress)
+            photographer = make_photographer or _renderer_of(config)
+            _make_all(config, missing, photographer if config.photos else _nobody, progress)
             progress.write(config.out / "timing.json")
     return folders
+
+
+def _renderer_of(config: GenerateConfig) -> MakePhotographer:
+    return partial(Renderer, settings=RenderSettings(samples=config.samples))
 
 
 def _nobody(_threads: int) -> AbstractContextManager[None]:
@@ -78,6 +84,8 @@ def _checked(config: GenerateConfig) -> ObjectLibrary:
     ):
         if number < 1:
             raise InputError(f"{what} {number}; it must be at least 1")
+    if config.samples < 1 or config.samples.bit_count() != 1:
+        raise InputError(f"--samples {config.samples}; it must be a power of two: 1, 2, 4, ...")
     if config.seed < 0:
         raise InputError(f"--seed {config.seed}; it must be at least 0")
     Gripper.load(config.gripper)
@@ -104,6 +112,7 @@ def _describe(config: GenerateConfig, library: ObjectLibrary) -> None:
         "image_size": config.image_size,
         "seed": config.seed,
         **({} if config.photos else {"photos": False}),
+        **({} if config.samples == RenderSettings.samples else {"samples": config.samples}),
     }
     begun_as(config.out / "dataset.json", description, "data set")
 

@@ -25,6 +25,7 @@ from neugrasp.simulation.labels import label
 from neugrasp.simulation.materials import sample_materials
 from neugrasp.simulation.objects import KINDS, ObjectLibrary
 from neugrasp.simulation.physics import World
+from neugrasp.simulation.renderer import RenderSettings
 from neugrasp.simulation.scene import Cell, Scene
 from neugrasp.simulation.truth import scan
 
@@ -60,6 +61,8 @@ class GenerateConfig:
     image_size: int = 256
     photos: bool = True
     """Without them a scene takes a fraction of the time and serves the grasp head alone."""
+    samples: int = RenderSettings.samples
+    """Of a photo's pixel, a power of two."""
     seed: int = 0
     workers: int | None = None
     """Processes; by default one per core."""
