@@ -110,6 +110,8 @@ class Generate:
     """What the objects are made of."""
     photos: bool = True
     """Without photos scenes come several times faster and serve the grasp head alone."""
+    targets: int = 2
+    """Photos from the hemisphere for each scene, besides the inputs: what losses compare with."""
     samples: int = 8
     """Of a photo's pixel, a power of two: half as many take half the time, a fifth more noise remains."""
     views: str = "training"
@@ -134,6 +136,7 @@ class Generate:
                 objects=self.objects,
                 materials=self.materials,
                 photos=self.photos,
+                targets=self.targets,
                 samples=self.samples,
                 views=self.views,
                 split=self.split,

@@ -187,6 +187,7 @@ def test_another_configuration_is_refused(undisturbed: Path, photographers: Modu
         ({"views": "orbit"}, "--views 'orbit'"),
         ({"gripper": "hook"}, "hook"),
         ({"seed": -1}, "--seed -1"),
+        ({"targets": 5}, "--targets 5; a work cell has 1 to 4"),
         ({"samples": 6}, "--samples 6; it must be a power of two"),
     ],
 )
@@ -196,6 +197,22 @@ def test_options_that_cannot_be_used(
     with pytest.raises(InputError, match=message):
         generate(small(tmp_path / "out", **changes), photographers.NoisePhotographer)
     assert not (tmp_path / "out").exists()
+
+
+def test_more_targets_leave_all_else_as_it_is(
+    undisturbed: Path, tmp_path: Path, photographers: ModuleType
+) -> None:
+    (few, more) = (
+        read_record(folder)
+        for folder in (
+            sorted((undisturbed / "scenes").iterdir())[0],
+            generate(small(tmp_path, num=1, targets=4), photographers.NoisePhotographer)[0],
+        )
+    )
+    assert (len(few.targets), len(more.targets)) == (2, 4)
+    np.testing.assert_array_equal(few.images, more.images)
+    np.testing.assert_array_equal(few.labels.points, more.labels.points)
+    assert more.cell["targets"] == [4, 5, 6, 7]
 
 
 def test_samples_reach_the_renderer(

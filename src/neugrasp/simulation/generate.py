@@ -28,7 +28,7 @@ from neugrasp.long_runs import begun_as, end_with, held
 from neugrasp.simulation.cell_photos import Photographer
 from neugrasp.simulation.objects import KINDS, SPLITS, ObjectLibrary
 from neugrasp.simulation.renderer import Renderer, RenderSettings
-from neugrasp.simulation.studio import GenerateConfig, Studio
+from neugrasp.simulation.studio import TARGETS_PER_CELL, TARGETS_PER_SCENE, GenerateConfig, Studio
 
 __all__ = ["GenerateConfig", "generate"]
 
@@ -84,6 +84,8 @@ def _checked(config: GenerateConfig) -> ObjectLibrary:
     ):
         if number < 1:
             raise InputError(f"{what} {number}; it must be at least 1")
+    if not 1 <= config.targets <= TARGETS_PER_CELL:
+        raise InputError(f"--targets {config.targets}; a work cell has 1 to {TARGETS_PER_CELL}")
     if config.samples < 1 or config.samples.bit_count() != 1:
         raise InputError(f"--samples {config.samples}; it must be a power of two: 1, 2, 4, ...")
     if config.seed < 0:
@@ -112,6 +114,7 @@ def _describe(config: GenerateConfig, library: ObjectLibrary) -> None:
         "image_size": config.image_size,
         "seed": config.seed,
         **({} if config.photos else {"photos": False}),
+        **({} if config.targets == TARGETS_PER_SCENE else {"targets": config.targets}),
         **({} if config.samples == RenderSettings.samples else {"samples": config.samples}),
     }
     begun_as(config.out / "dataset.json", description, "data set")

@@ -61,6 +61,8 @@ class GenerateConfig:
     image_size: int = 256
     photos: bool = True
     """Without them a scene takes a fraction of the time and serves the grasp head alone."""
+    targets: int = TARGETS_PER_SCENE
+    """Views from the hemisphere that a scene is photographed from besides the inputs."""
     samples: int = RenderSettings.samples
     """Of a photo's pixel, a power of two."""
     seed: int = 0
@@ -130,7 +132,7 @@ class Studio:
             empty = backgrounds(cell, folder, self.photographer, self.library)
         inputs, others = list(range(cell.num_inputs)), range(cell.num_inputs, len(cell.cameras))
         rng = self._rng("targets", index)
-        targets = sorted(rng.choice(others, TARGETS_PER_SCENE, replace=False).tolist())
+        targets = sorted(rng.choice(others, config.targets, replace=False).tolist())
         cameras = tuple(cell.cameras[i] for i in inputs)
         with self._timed("depth"):
             looks = [self.world.depth_and_mask(camera) for camera in cameras]
