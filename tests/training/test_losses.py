@@ -80,6 +80,17 @@ def test_unobserved_voxels_do_not_count_in_the_tsdf_loss():
     assert tsdf_loss(predicted, truth, torch.zeros_like(observed)) == 0
 
 
+def test_the_tsdf_loss_pulls_back_what_is_far_on_the_wrong_side():
+    sdf = torch.tensor([[[3.0, 3.0, -2.0]]], requires_grad=True)
+    truth = torch.tensor([[[1.0, -0.5, 1.0]]])
+    tsdf_loss(sdf, truth, torch.ones_like(truth, dtype=torch.bool)).backward()
+    assert sdf.grad is not None
+    free, inside, outside = sdf.grad.flatten().tolist()
+    assert free == 0
+    assert inside > 0
+    assert outside < 0
+
+
 def test_the_grasp_loss_reads_its_own_voxels():
     logits = torch.zeros(1, 4, 4, 4)
     logits[0, 1, 2, 3] = 20.0

@@ -75,9 +75,13 @@ def eikonal_loss(sdf: Tensor, seen: Tensor, workspace: Workspace) -> Tensor:
     return ((norm - 1).square() * counts).sum() / counts.sum().clamp(min=1)
 
 
-def tsdf_loss(tsdf: Tensor, truth: Tensor, observed: Tensor) -> Tensor:
-    """Smooth L1 to the true TSDF where it was observed, mean over the observed voxels."""
-    error = F.smooth_l1_loss(tsdf, truth, reduction="none")
+def tsdf_loss(sdf: Tensor, truth: Tensor, observed: Tensor) -> Tensor:
+    """Smooth L1 of signed distances to the true TSDF where it was observed, mean over the observed voxels.
+
+    Distances are not truncated but where the truth is 1: else a voxel once far on the wrong side of the
+    surface would have no gradient and stay there.
+    """
+    error = F.smooth_l1_loss(torch.where(truth >= 1, sdf.clamp(max=1), sdf), truth, reduction="none")
     return (error * observed).sum() / observed.sum().clamp(min=1)
 
 

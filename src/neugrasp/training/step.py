@@ -77,7 +77,7 @@ def joint_losses(
     if weights.eikonal:
         losses["eikonal"] = eikonal_loss(reconstruction.sdf, reconstruction.seen, model.workspace)
     if weights.tsdf:
-        losses["tsdf"] = tsdf_loss(reconstruction.tsdf, sample.truth.tsdf, sample.truth.observed)
+        losses["tsdf"] = tsdf_loss(reconstruction.sdf, sample.truth.tsdf, sample.truth.observed)
     steepness = model.sharpness(sharpness)
     if weights.photometric:
         losses["photometric"], losses["carving"] = _target_losses(

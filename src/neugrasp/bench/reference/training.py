@@ -33,7 +33,7 @@ class ReferenceTrainer:
         if weights.eikonal:
             terms.append(weights.eikonal * eikonal_loss(seen.sdf, seen.seen, network.workspace))
         if weights.tsdf:
-            terms.append(weights.tsdf * tsdf_loss(tsdf, sample.truth.tsdf, sample.truth.observed))
+            terms.append(weights.tsdf * tsdf_loss(seen.sdf, sample.truth.tsdf, sample.truth.observed))
         sharpness = network.sharpness(self.config.sharpness_at(self.config.steps))
         terms.append(self._rendered(seen, sample.targets, sharpness, generator))
         if weights.grid_carving:
