@@ -168,7 +168,7 @@ def _spread(values: Sequence[float], scale: float, digits: int) -> str:
 
 def _pictures(record: Record) -> list[Tile]:
     kinds = Counter(record.materials)
-    content = ", ".join(f"{kinds[kind]} {kind[:5]}." for kind in MATERIALS if kinds[kind])
+    content = ", ".join(f"{kinds[kind]} {kind[:4]}." for kind in MATERIALS if kinds[kind])
     return [
         Tile(record.images[0], record.name),
         Tile(record.backgrounds[0], "its background"),
