@@ -214,7 +214,6 @@ class Train:
 
         if self.compile and self.device != "cpu":
             raise InputError(f"--compile: is for the CPU; leave it out with --device {self.device}")
-
         if self.device == "cuda" and not torch.cuda.is_available():
             raise InputError("--device cuda: PyTorch sees no CUDA device here; use --device cpu")
         return train(

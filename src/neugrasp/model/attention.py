@@ -21,11 +21,17 @@ def linear(dim_in: int, dim_out: int) -> nn.Linear:
     return layer
 
 
-def same_head(dim: int, heads: int) -> Tensor:
-    """(dim, dim): 1 where two channels belong to one head, else 0."""
+def channels_of_a_head(dim: int, heads: int) -> int:
+    """How many of the channels each head has. Raises `ValueError` where they cannot be shared out."""
     if dim % heads:
         raise ValueError(f"width {dim} is not a multiple of {heads} heads")
-    return torch.block_diag(*torch.ones(heads, dim // heads, dim // heads))
+    return dim // heads
+
+
+def same_head(dim: int, heads: int) -> Tensor:
+    """(dim, dim): 1 where two channels belong to one head, else 0."""
+    size = channels_of_a_head(dim, heads)
+    return torch.block_diag(*torch.ones(heads, size, size))
 
 
 class ViewTransformer(nn.Module):
@@ -37,9 +43,7 @@ class ViewTransformer(nn.Module):
 
     def __init__(self, dim: int, heads: int):
         super().__init__()
-        if dim % heads:
-            raise ValueError(f"width {dim} is not a multiple of {heads} heads")
-        self.heads = heads
+        self.heads, self.places = heads, channels_of_a_head(dim, heads)
         self.passes = PLAIN
         self.token = nn.Parameter(torch.randn(dim, 1))
         self.query = linear(dim, dim)
@@ -63,7 +67,7 @@ class ViewTransformer(nn.Module):
 
     def _weights(self) -> LayerWeights:
         dim = len(self.token)
-        by_place = torch.arange(dim).unflatten(0, (self.heads, -1)).T.flatten()
+        by_place = torch.arange(dim).unflatten(0, (self.heads, self.places)).T.flatten()
         from_token, from_message = self.expand.weight.split(dim, dim=1)
         return LayerWeights(
             self.token.squeeze(1),

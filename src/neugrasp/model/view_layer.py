@@ -7,7 +7,7 @@ kept for the gradient, in the precision of the tokens.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -205,16 +205,17 @@ def _shares(query: Tensor, key: Tensor) -> tuple[Tensor, Tensor]:
 
 def _products(ones: Tensor, others: Tensor) -> Tensor:
     """Of (c, h, m, p) and (c, h, t, p), the sums over the channels of a head for each pair (h, m, t, p)."""
-    first, *rest = zip(ones.unsqueeze(3), others.unsqueeze(2), strict=True)
-    result = torch.mul(*first)
-    for pair in rest:
-        result.addcmul_(*pair)
-    return result
+    return _sum_of_products(ones.unsqueeze(3), others.unsqueeze(2))
 
 
 def _weighted(weights: Tensor, values: Tensor) -> Tensor:
     """Sums (c, h, m, p) of values (c, h, t, p) with weights (h, m, t, p)."""
-    first, *rest = zip(weights.unbind(2), values.unsqueeze(2).unbind(3), strict=True)
+    return _sum_of_products(weights.unbind(2), values.unsqueeze(2).unbind(3))
+
+
+def _sum_of_products(ones: Iterable[Tensor], others: Iterable[Tensor]) -> Tensor:
+    """Pair by pair, in one tensor."""
+    first, *rest = zip(ones, others, strict=True)
     result = torch.mul(*first)
     for pair in rest:
         result.addcmul_(*pair)
