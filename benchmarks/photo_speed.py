@@ -34,7 +34,7 @@ NUM_INPUTS = 4
 PRODUCT = RenderSettings()
 VARIANTS = {
     "as photos are made": PRODUCT,
-    "half the samples": replace(PRODUCT, samples=PRODUCT.samples // 2),
+    "twice the samples": replace(PRODUCT, samples=2 * PRODUCT.samples),
     "one sample": replace(PRODUCT, samples=1),
     "not denoised": replace(PRODUCT, denoise="OFF"),
     "one sample, not denoised": replace(PRODUCT, samples=1, denoise="OFF"),

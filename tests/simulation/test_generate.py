@@ -225,11 +225,11 @@ def test_samples_reach_the_renderer(
         return photographers.NoisePhotographer(threads)
 
     monkeypatch.setattr(generation, "Renderer", renderer)
-    generate(small(tmp_path / "few", num=1, samples=4))
+    generate(small(tmp_path / "many", num=1, samples=8))
     generate(small(tmp_path / "usual", num=1))
-    assert asked == [4, 8]
-    described = [json.loads((tmp_path / name / "dataset.json").read_text()) for name in ("few", "usual")]
-    assert [one.get("samples") for one in described] == [4, None]
+    assert asked == [8, 4]
+    described = [json.loads((tmp_path / name / "dataset.json").read_text()) for name in ("many", "usual")]
+    assert [one["samples"] for one in described] == [8, 4]
 
 
 def test_two_runs_do_not_write_into_one_folder(tmp_path: Path, photographers: ModuleType) -> None:

@@ -65,8 +65,8 @@ def test_bounds_of_a_mirrored_camera_are_mirrored(make_record):
 
 
 def test_an_augmented_sample_is_the_same_each_time_it_is_made(make_record):
-    prepared = prepare_record(make_record())
-    first, second = (sample_of(prepared, Workspace(), 64, np.random.default_rng(5)) for _ in range(2))
+    prepared = prepare_record(make_record(), Workspace(), 64)
+    first, second = (sample_of(prepared, Workspace(), np.random.default_rng(5)) for _ in range(2))
     assert torch.equal(first.inputs.views.images, second.inputs.views.images)
     assert torch.equal(first.truth.tsdf, second.truth.tsdf)
     assert torch.equal(first.truth.labels.index, second.truth.labels.index)
@@ -74,16 +74,16 @@ def test_an_augmented_sample_is_the_same_each_time_it_is_made(make_record):
 
 def test_labels_lie_on_their_object(make_record):
     """Every success of the ball lies where the distance is small, whatever the symmetry."""
-    prepared = prepare_record(make_record(x=0.1, y=0.2))
+    prepared = prepare_record(make_record(x=0.1, y=0.2), Workspace(), 64)
     for seed in range(6):
-        sample = sample_of(prepared, Workspace(), 64, np.random.default_rng(seed))
+        sample = sample_of(prepared, Workspace(), np.random.default_rng(seed))
         x, y, z = sample.truth.labels.index[sample.truth.labels.success].T
         assert (sample.truth.tsdf[x, y, z].abs() < 0.6).all()
 
 
 def test_another_network_size_keeps_the_geometry(make_record):
-    large = sample_of(prepare_record(make_record(size=128)), Workspace(), 64, None)
-    small = sample_of(prepare_record(make_record(size=64)), Workspace(), 64, None)
+    large = sample_of(prepare_record(make_record(size=128), Workspace(), 64), Workspace(), None)
+    small = sample_of(prepare_record(make_record(size=64), Workspace(), 64), Workspace(), None)
     torch.testing.assert_close(large.inputs.views.cameras.intrinsics, small.inputs.views.cameras.intrinsics)
     coarse, fine = small.inputs.views.images, large.inputs.views.images
     shifted = [(fine.roll(step, 3) - coarse).abs().mean() for step in (-1, 1)]
@@ -92,10 +92,10 @@ def test_another_network_size_keeps_the_geometry(make_record):
 
 def test_the_ball_is_found_as_change_and_the_table_as_table(make_record):
     record = make_record(size=128)
-    prepared = prepare_record(record)
+    prepared = prepare_record(record, Workspace(), 128)
     for view in range(4):
         ball = record.depths[view] < make_record(size=128, x=5.0).depths[view] - 1e-4
-        labels = prepared.changes[view]
+        labels = prepared.inputs[view].changes
         assert (labels[ball] == OBJECT).mean() > 0.5
         inside = ndimage.binary_erosion(ball)  # the outline itself is known to a pixel
         assert not (labels[inside] == TABLE).any()
@@ -104,7 +104,7 @@ def test_the_ball_is_found_as_change_and_the_table_as_table(make_record):
 
 
 def test_dropping_views_keeps_photos_and_cameras_together(make_record):
-    inputs = sample_of(prepare_record(make_record()), Workspace(), 64, None).inputs
+    inputs = sample_of(prepare_record(make_record(), Workspace(), 64), Workspace(), None).inputs
     kept = drop_views(inputs, [3, 1])
     assert torch.equal(kept.views.images[0], inputs.views.images[3])
     assert torch.equal(kept.views.cameras.centres[1], inputs.views.cameras.centres[1])

@@ -198,11 +198,15 @@ def test_a_slice_lies_where_its_voxels_are(contents: Contents, axis: int):
 
 def test_a_photo_lies_on_the_lines_of_sight_of_its_pixels(contents: Contents):
     nodes = nodes_of(contents, Settings().suited_to(contents))
+    padded = 0
     for i, view in enumerate(contents.views):
         node = named(nodes, f"cameras/{i}/photo")
         assert isinstance(node, PictureNode)
         height, width = node.pixels.shape[:2]
-        assert height < view.camera.height  # The padding above and below is left out.
+        _, top, _, bottom = view.camera.bounds
+        rows = np.arange(view.camera.height)
+        assert height == np.count_nonzero((rows > top) & (rows < bottom))  # Padding is left out.
+        padded += height < view.camera.height
         column, row = 10, 70
         x, y = (column + 0.5) / width - 0.5, (row + 0.5) / height - 0.5
         spot = apply(node.pose, (x * node.width, y * node.height, 0.0))
@@ -212,6 +216,7 @@ def test_a_photo_lies_on_the_lines_of_sight_of_its_pixels(contents: Contents):
         assert np.allclose(pixel, (u, v), atol=1e-6)
         assert np.array_equal(view.image[v, u], node.pixels[row, column])
         assert np.allclose(np.linalg.norm(base(view.camera)[1] - base(view.camera)[0]), node.width)
+    assert padded > 0
 
 
 def test_the_tabletop_shows_the_squares_of_the_table_where_they_are(contents: Contents):

@@ -201,7 +201,7 @@ def _summarise(records: list[Record], detector: NeuGraspDetector, path: Path) ->
     size = detector.model.config.image_size
     scores = {}
     for material, some in sorted(by_material.items()):
-        samples = [sample_of(prepare_record(record), Workspace(), size, None) for record in some]
+        samples = [sample_of(prepare_record(record, Workspace(), size), Workspace(), None) for record in some]
         means = validate(detector.model, samples, 400.0) | _constants(some)
         # JSON has no NaN: what no record has, such as the AUC of labels that all failed, is null.
         defined = {name: value if math.isfinite(value) else None for name, value in means.items()}

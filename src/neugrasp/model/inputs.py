@@ -14,7 +14,10 @@ from neugrasp.geometry.camera import Box, Camera
 from neugrasp.geometry.pose import inverse
 from neugrasp.geometry.sampling import CameraTensors
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.views import Image, Views
+from neugrasp.views import Image, View, Views
+
+SAME_CROP = 1.0
+"""Pixels by which a crop may miss the wanted one and still pass as it is."""
 
 
 @dataclass(frozen=True)
@@ -56,32 +59,39 @@ def crop_and_resize(image: Image, box: Box, sensed: Box, size: int) -> Image:
     return np.asarray(resized)
 
 
-def is_network_ready(camera: Camera, size: int) -> bool:
-    """Whether a photo is already a crop of the network's size (as the generator renders them)."""
-    return camera.sensed is not None and camera.width == size and camera.height == size
+def crop_view(view: View, camera: Camera, box: Box, size: int) -> View:
+    """A view cut out of `box` at size x size, with `camera` in the workspace frame.
+
+    A photo that is such a crop already, as the generator renders them, passes unchanged.
+    """
+    whole = (-0.5, -0.5, size - 0.5, size - 0.5)
+    if (camera.width, camera.height) == (size, size) and np.allclose(box, whole, atol=SAME_CROP):
+        return replace(view, camera=camera)
+    return replace(
+        view,
+        image=crop_and_resize(view.image, box, camera.bounds, size),
+        background=crop_and_resize(view.background, box, camera.bounds, size),
+        camera=camera.cropped_and_resized(box, size, size),
+    )
 
 
 def prepare(views: Views, size: int) -> ViewTensors:
     """Crops every photo to the workspace and resizes it to `size`, the cameras with it.
 
-    Any number of views, each of any resolution. Photos that carry a `sensed` region and have the network's
-    size already are such crops and pass unchanged. Raises `InputError` where a photo misses the workspace.
+    Any number of views, each of any resolution. Raises `InputError` where a photo misses the workspace.
     """
     workspace_from_world = inverse(views.workspace.world_from_workspace)
-    images, backgrounds, cameras = [], [], []
+    cropped = []
     for index, view in enumerate(views.views):
         camera = view.camera.moved(workspace_from_world)
-        if is_network_ready(camera, size):
-            images.append(view.image)
-            backgrounds.append(view.background)
-            cameras.append(camera)
-            continue
         box = views.workspace.photo_box(camera)
         _check_box(box, camera, views.workspace, view.name or f"view {index}")
-        images.append(crop_and_resize(view.image, box, camera.bounds, size))
-        backgrounds.append(crop_and_resize(view.background, box, camera.bounds, size))
-        cameras.append(replace(camera.cropped_and_resized(box, size, size)))
-    return ViewTensors(to_tensor(images), to_tensor(backgrounds), CameraTensors.of(cameras))
+        cropped.append(crop_view(view, camera, box, size))
+    return ViewTensors(
+        to_tensor([view.image for view in cropped]),
+        to_tensor([view.background for view in cropped]),
+        CameraTensors.of([view.camera for view in cropped]),
+    )
 
 
 def _check_box(box: Box, camera: Camera, workspace: Workspace, name: str) -> None:

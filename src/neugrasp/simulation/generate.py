@@ -112,10 +112,10 @@ def _describe(config: GenerateConfig, library: ObjectLibrary) -> None:
         "grasp_points": config.grasp_points,
         "scenes_per_cell": config.scenes_per_cell,
         "image_size": config.image_size,
+        "samples": config.samples,
         "seed": config.seed,
         **({} if config.photos else {"photos": False}),
         **({} if config.targets == TARGETS_PER_SCENE else {"targets": config.targets}),
-        **({} if config.samples == RenderSettings.samples else {"samples": config.samples}),
     }
     begun_as(config.out / "dataset.json", description, "data set")
 

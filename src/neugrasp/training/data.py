@@ -67,7 +67,7 @@ class TrainingSet:
         """The augmented sample at a position; the same whenever it is asked for."""
         rng = np.random.default_rng([self.seed, 2, position])
         index = self.photographed[self.place_at(position, len(self.photographed))]
-        return sample_of(self._prepared_record(index), self.workspace, self.size, rng)
+        return sample_of(self._prepared_record(index), self.workspace, rng)
 
     def take(self, position: int) -> Sample:
         """`sample_at`, while the one after it is already being made."""
@@ -87,7 +87,7 @@ class TrainingSet:
 
     def plain(self, index: int) -> Sample:
         """A record with photos as it stands, for validation."""
-        return sample_of(self._prepared_record(index), self.workspace, self.size, None)
+        return sample_of(self._prepared_record(index), self.workspace, None)
 
     def plain_truth(self, index: int) -> Truth:
         """Labels and grid of a record as they stand, for validation."""
@@ -99,5 +99,5 @@ class TrainingSet:
 
     def _prepared_record(self, index: int) -> PreparedRecord:
         if index not in self._prepared:
-            self._prepared[index] = prepare_record(self.records[index])
+            self._prepared[index] = prepare_record(self.records[index], self.workspace, self.size)
         return self._prepared[index]

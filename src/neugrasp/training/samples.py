@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from PIL import Image as PilImage
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
@@ -15,9 +14,9 @@ from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array
 from neugrasp.geometry.sampling import CameraTensors
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.model.inputs import ViewTensors, to_tensor
+from neugrasp.model.inputs import ViewTensors, crop_view, to_tensor
 from neugrasp.training.change import change_labels
-from neugrasp.views import Image, View
+from neugrasp.views import View
 
 
 @dataclass(frozen=True)
@@ -82,28 +81,35 @@ class Sample:
 
 
 @dataclass(frozen=True)
+class PreparedView:
+    """A view as the network wants it, with the labels of what changed: they are slow to find."""
+
+    view: View
+    """(s, s) photos; the camera in the workspace frame."""
+    changes: np.ndarray
+    """(s, s) int8 of `change_labels`."""
+
+
+@dataclass(frozen=True)
 class PreparedRecord:
-    """A record with the labels of what changed in its photos, which take longer to find than to keep."""
+    """A record with its photos prepared."""
 
     record: Record
-    changes: np.ndarray
-    """(n, s, s) int8."""
-    target_changes: np.ndarray
-    """(m, s, s) int8."""
+    inputs: tuple[PreparedView, ...]
+    targets: tuple[PreparedView, ...]
 
 
-def prepare_record(record: Record) -> PreparedRecord:
-    """Finds what changed in every photo of the record."""
+def prepare_record(record: Record, workspace: Workspace, size: int) -> PreparedRecord:
+    """Crops every photo of the record to size x size and finds what changed in it."""
 
-    def changes(images: np.ndarray, backgrounds: np.ndarray) -> np.ndarray:
-        return np.stack(
-            [change_labels(image, empty) for image, empty in zip(images, backgrounds, strict=True)]
-        )
+    def prepared(view: View) -> PreparedView:
+        cropped = crop_view(view, view.camera, workspace.photo_box(view.camera), size)
+        return PreparedView(cropped, change_labels(cropped.image, cropped.background))
 
     return PreparedRecord(
         record,
-        changes(record.images, record.backgrounds),
-        changes(record.targets, record.target_backgrounds),
+        tuple(prepared(view) for view in record.views(workspace).views),
+        tuple(prepared(view) for view in record.target_views(workspace).views),
     )
 
 
@@ -161,17 +167,14 @@ class Symmetry:
         return Rotation.from_matrix(matrices).as_quat()
 
 
-def sample_of(
-    prepared: PreparedRecord, workspace: Workspace, size: int, rng: np.random.Generator | None
-) -> Sample:
+def sample_of(prepared: PreparedRecord, workspace: Workspace, rng: np.random.Generator | None) -> Sample:
     """A training sample; with a generator it is augmented, without it is the record as it stands."""
-    record = prepared.record
     symmetry = Symmetry() if rng is None else Symmetry.random(rng)
-    inputs = _photos(record.views().views, prepared.changes, symmetry, workspace, size)
-    targets = _photos(record.target_views().views, prepared.target_changes, symmetry, workspace, size)
+    inputs = _photos(prepared.inputs, symmetry, workspace)
+    targets = _photos(prepared.targets, symmetry, workspace)
     if rng is not None:
         inputs, targets = _jitter([inputs, targets], rng)
-    return Sample(inputs, targets, truth_of(record, symmetry, workspace))
+    return Sample(inputs, targets, truth_of(prepared.record, symmetry, workspace))
 
 
 def truth_of(record: Record, symmetry: Symmetry, workspace: Workspace) -> Truth:
@@ -192,36 +195,16 @@ def drop_views(photos: Photos, keep: list[int]) -> Photos:
     )
 
 
-def _photos(
-    views: tuple[View, ...], changes: np.ndarray, symmetry: Symmetry, workspace: Workspace, size: int
-) -> Photos:
-    moved = [symmetry.of_camera(view.camera, workspace) for view in views]
-    resized = [camera.cropped_and_resized(_whole(camera), size, size) for camera in moved]
-    labels = np.stack([_nearest(symmetry.of_image(change), size) for change in changes])
+def _photos(prepared: tuple[PreparedView, ...], symmetry: Symmetry, workspace: Workspace) -> Photos:
+    views = [one.view for one in prepared]
     return Photos(
         ViewTensors(
-            to_tensor([_resize(symmetry.of_image(view.image), size) for view in views]),
-            to_tensor([_resize(symmetry.of_image(view.background), size) for view in views]),
-            CameraTensors.of(resized),
+            to_tensor([symmetry.of_image(view.image) for view in views]),
+            to_tensor([symmetry.of_image(view.background) for view in views]),
+            CameraTensors.of([symmetry.of_camera(view.camera, workspace) for view in views]),
         ),
-        torch.from_numpy(labels),
+        torch.from_numpy(np.stack([symmetry.of_image(one.changes) for one in prepared])),
     )
-
-
-def _whole(camera: Camera) -> tuple[float, float, float, float]:
-    return (-0.5, -0.5, camera.width - 0.5, camera.height - 0.5)
-
-
-def _resize(image: Image, size: int) -> Image:
-    if image.shape[0] == size and image.shape[1] == size:
-        return image
-    return np.asarray(PilImage.fromarray(image).resize((size, size), PilImage.Resampling.BOX))
-
-
-def _nearest(labels: np.ndarray, size: int) -> np.ndarray:
-    rows = ((np.arange(size) + 0.5) * labels.shape[0] / size).astype(int)
-    columns = ((np.arange(size) + 0.5) * labels.shape[1] / size).astype(int)
-    return labels[np.ix_(rows, columns)]
 
 
 def _jitter(groups: list[Photos], rng: np.random.Generator) -> list[Photos]:
