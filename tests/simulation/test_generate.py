@@ -11,13 +11,14 @@ import subprocess
 import sys
 import textwrap
 import time
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 
+from neugrasp.cli import Generate
 from neugrasp.data.records import read_record
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.simulation import generate as generation
@@ -230,6 +231,13 @@ def test_samples_reach_the_renderer(
     assert asked == [8, 4]
     described = [json.loads((tmp_path / name / "dataset.json").read_text()) for name in ("many", "usual")]
     assert [one["samples"] for one in described] == [8, 4]
+
+
+def test_the_program_and_the_library_have_the_same_defaults(tmp_path: Path) -> None:
+    program, library = Generate(out=tmp_path), GenerateConfig(scene="packed", num=1, out=tmp_path)
+    both = {field.name for field in fields(Generate)} & {field.name for field in fields(GenerateConfig)}
+    for name in both - {"out", "scene", "num"}:
+        assert getattr(program, name) == getattr(library, name), name
 
 
 def test_two_runs_do_not_write_into_one_folder(tmp_path: Path, photographers: ModuleType) -> None:

@@ -38,6 +38,11 @@ def small() -> TrainConfig:
     )
 
 
+def longer() -> TrainConfig:
+    """`small` gone on with (`--init`): starts as sharp as weights are that have been trained before."""
+    return replace(small(), steps=4_000, head_steps=0, sharpness=(180.0, 300.0))
+
+
 def head() -> TrainConfig:
     """The grasp head of `small` alone, on true TSDFs: needs no photos, so physics-only records will do."""
     return replace(small(), steps=4_000, head_steps=4_000)
@@ -98,6 +103,7 @@ def tiny() -> TrainConfig:
 
 RECIPES: dict[str, Callable[[], TrainConfig]] = {
     "small": small,
+    "longer": longer,
     "head": head,
     "paper": paper,
     "tsdf": tsdf,
