@@ -152,6 +152,31 @@ def test_the_papers_figures_stand_beside_rows_of_their_kind(
     assert row.endswith(f"| {figures} |")
 
 
+def test_ablations_have_a_table_of_their_own_beside_the_papers(tmp_path: Path):
+    (tmp_path / "row.json").write_text(json.dumps(metrics([played(0, "+")])))
+    (tmp_path / "ablation").mkdir()
+    for recipe, scene, course in (
+        ("small", "packed", "+++-"),
+        ("without-occupancy", "packed", "+-"),
+        ("small", "pile", "-"),
+    ):
+        trained = {"recipe": recipe, "steps": 1000, "scenes": 300}
+        row = metrics([played(0, course)], detector="neugrasp", scene=scene, trained=trained)
+        (tmp_path / "ablation" / f"{recipe}_{scene}.json").write_text(json.dumps(row))
+    page = write_results(tmp_path, tmp_path / "results.md").read_text()
+    table = page[page.index("## Ablation") :].splitlines()
+    cells = {line.split(" | ")[0]: line.split(" | ") for line in table if line.startswith("| ")}
+    full, without = cells["| full"], cells["| without the occupancy prior (V_occ)"]
+    assert full[1] == without[1] == "1000, 300"
+    assert full[2].startswith("0.0 (")
+    assert full[6].startswith("75.0 (")
+    assert without[2:6] == ["-"] * 4
+    assert without[6].startswith("50.0 (")
+    assert cells["| paper: full"][2:10] == ["65.2", "67.5", "45.6", "0.164", "86.3", "86.0", "81.0", "0.153"]
+    assert "| paper: without backgrounds" not in cells
+    assert "| neugrasp" not in page[: page.index("## Ablation")]
+
+
 def test_foreign_files_and_empty_folders_are_refused(tmp_path: Path):
     with pytest.raises(InputError, match="holds neither"):
         write_results(tmp_path, tmp_path / "out.md")

@@ -59,8 +59,8 @@ def _detector(config: Evaluate, gripper: Gripper, threshold: float) -> Finder[An
 
 
 def weights_facts(config: Evaluate) -> dict[str, Any]:
-    """Name and hash of the weights that an evaluation depends on, and whether the hand was checked; nothing
-    where there are none."""
+    """Name and hash of the weights that an evaluation depends on, how they were trained as far as they know,
+    and whether the hand was checked; nothing where there are none."""
     if config.detector == "antipodal":
         return {}
     is_vgn = config.detector == "vgn" or _is_vgn(config.weights)
@@ -69,8 +69,12 @@ def weights_facts(config: Evaluate) -> dict[str, Any]:
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    checked = {} if is_vgn else {"hand_check": config.hand_check}
-    return {"weights": path.name, "weights_sha256": digest, **checked}
+    facts = {"weights": path.name, "weights_sha256": digest}
+    if is_vgn:
+        return facts
+    about = load_checkpoint(config.weights).about
+    trained = {name: about[name] for name in ("recipe", "steps", "scenes") if name in about}
+    return {**facts, "trained": trained, "hand_check": config.hand_check}
 
 
 def _is_vgn(weights: str) -> bool:
