@@ -152,6 +152,16 @@ def test_the_papers_figures_stand_beside_rows_of_their_kind(
     assert row.endswith(f"| {figures} |")
 
 
+def test_what_came_off_the_table_is_told_by_material_where_the_detector_saw_materials(tmp_path: Path):
+    share = {"transparent": {"objects": 4, "taken": 3, "share": 75.0}}
+    for name, detector in (("ours", "neugrasp"), ("stick", "oracle")):
+        row = metrics([played(0, "+")], detector=detector, depth=None, by_material=share)
+        (tmp_path / f"{name}.json").write_text(json.dumps(row))
+    page = write_results(tmp_path, tmp_path / "results.md").read_text()
+    assert "| ours | 3 of 4, 75.0 % |" in page
+    assert "| stick | 3 of 4" not in page
+
+
 def test_ablations_have_a_table_of_their_own_beside_the_papers(tmp_path: Path):
     (tmp_path / "row.json").write_text(json.dumps(metrics([played(0, "+")])))
     (tmp_path / "ablation").mkdir()

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from neugrasp.errors import InputError
-from neugrasp.evaluation.episode import CRASHED, NOTHING_DETECTED, Episode, read_episode, write_episode
+from neugrasp.evaluation.episode import CRASHED, EMPTY, NOTHING_DETECTED, Episode, read_episode, write_episode
 from neugrasp.evaluation.protocols import PROTOCOLS
 from neugrasp.evaluation.rounds import num_rounds
 from neugrasp.evaluation.scores import scores
@@ -58,6 +59,22 @@ def test_an_object_that_rolled_away_is_not_declared_grasped():
 
 def test_fewer_than_five_settled_objects_are_the_denominator():
     assert scores([played(0, "+++", 3), played(1, "+-", 1)], PAPER)["DR"] == 100
+
+
+def test_objects_that_grasps_took_are_counted_by_material():
+    def table(kinds: str) -> dict[str, Any]:
+        names = {"g": "transparent", "s": "specular"}
+        return {"materials": [{"kind": names[kind]} for kind in kinds]}
+
+    attempts = [
+        attempt(0, 0, True, before=table("ggss")),
+        attempt(0, 1, False, before=table("gss")),
+        attempt(0, 2, True, before=table("gss"), lost=1),  # The glass, or what fell down with it?
+    ]
+    known = Episode(0, 4, EMPTY, tuple(attempts), left=table("s"))
+    result = scores([known, played(1, "++")], PAPER)["by_material"]
+    assert result["transparent"] == {"objects": 2, "taken": 1, "share": 50.0}
+    assert result["specular"] == {"objects": 2, "taken": 0, "share": 0.0}
 
 
 def test_crashed_rounds_are_named_and_count_nowhere():

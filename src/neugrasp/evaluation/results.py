@@ -72,6 +72,7 @@ def write_results(folder: Path, out: Path) -> Path:
             "",
             *_failures(some),
             "",
+            *_materials(some),
             *_origins(some),
             "",
         ]
@@ -171,6 +172,21 @@ def _failures(rows: dict[str, dict[str, Any]]) -> Iterator[str]:
         counts = [row["failures"][r] for r in reasons] + [row["endings"][e] for e in endings]
         cells = [name, *map(str, counts), f"{row['seconds_per_round']:.1f}", stages]
         yield "| " + " | ".join(cells) + " |"
+
+
+def _materials(rows: dict[str, dict[str, Any]]) -> Iterator[str]:
+    """How much of what each material was made into came off the table, for rows that saw materials."""
+    known = {name: row for name, row in rows.items() if row.get("by_material") and _sees_materials(row)}
+    kinds = sorted({kind for row in known.values() for kind in row["by_material"]})
+    if not kinds:
+        return
+    yield "| objects that grasps took off the table | " + " | ".join(kinds) + " |"
+    yield "|" + "---|" * (1 + len(kinds))
+    for name, row in known.items():
+        cells = [row["by_material"].get(kind) for kind in kinds]
+        texts = [f"{c['taken']} of {c['objects']}, {c['share']:.1f} %" if c else "" for c in cells]
+        yield "| " + " | ".join([name, *texts]) + " |"
+    yield ""
 
 
 def _origins(rows: dict[str, dict[str, Any]]) -> Iterator[str]:

@@ -43,6 +43,7 @@ def scores(episodes: Sequence[Episode], protocol: Protocol) -> dict[str, Any]:
         "DR_ci": _bootstrap(taken, objects),
         "endings": {name: sum(e.ending == name for e in played) for name in ENDINGS if name != CRASHED},
         "failures": _failures(attempts),
+        "by_material": _by_material(played),
         **_l1(attempts),
         **_times(played),
     }
@@ -82,6 +83,30 @@ def _bootstrap(part: np.ndarray, whole: np.ndarray) -> list[float] | None:
 def _failures(attempts: Sequence[Attempt]) -> dict[str, int]:
     counts = Counter(attempt.reason for attempt in attempts)
     return {reason: counts[reason] for reason in REASONS if reason != SUCCESS}
+
+
+def _by_material(played: Sequence[Episode]) -> dict[str, dict[str, Any]]:
+    """Objects of each material, and how many of them grasps took off the table; rounds that kept no record of
+    what lay there are left out.
+
+    A grasp's object is the one that is gone after it. Where others left the table with it, it is not known
+    which was held, and none is counted.
+    """
+    objects: Counter[str] = Counter()
+    taken: Counter[str] = Counter()
+    for episode in played:
+        states = [*(attempt.before for attempt in episode.attempts), episode.left]
+        kinds = [Counter(one["kind"] for one in state["materials"]) for state in states if state]
+        if len(kinds) < len(states):
+            continue
+        objects += kinds[0]
+        for attempt, before, after in zip(episode.attempts, kinds, kinds[1:], strict=False):
+            if attempt.success and not attempt.lost:
+                taken += before - after
+    return {
+        kind: {"objects": count, "taken": taken[kind], "share": _percent(taken[kind], count)}
+        for kind, count in sorted(objects.items())
+    }
 
 
 def _l1(attempts: Sequence[Attempt]) -> dict[str, Any]:
