@@ -15,7 +15,8 @@ from neugrasp.bench.counting import FlopCounter
 from neugrasp.bench.recorder import Cost, Part, Recorder, watched
 from neugrasp.bench.reference.network import ReferenceNetwork
 from neugrasp.data.scene_folder import read_scene
-from neugrasp.detection.decode import Prediction, select_grasps
+from neugrasp.detection.ask_head import predict_grasps
+from neugrasp.detection.decode import select_grasps
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.model.inputs import prepare
 from neugrasp.model.network import NeuGrasp
@@ -158,10 +159,8 @@ class ReferenceDetection:
             maps = network.encode(inputs.images)
             empty = network.encode_backgrounds(inputs)
             tsdf = network.reconstruct(maps, empty, inputs).sdf.clamp(-1, 1)
-            volume = network.head(tsdf.unsqueeze(0))
+            prediction = predict_grasps(network.head, tsdf.cpu().numpy(), self.device)
         with recorder.stage("selection"):
-            grids = (tsdf, volume.quality[0], volume.rotation[0], volume.width[0])
-            prediction = Prediction(*(grid.cpu().numpy() for grid in grids))
             detector = self.detector
             chosen = select_grasps(prediction, network.workspace, detector.gripper, detector.selection)
             placed = self.views.workspace.world_from_workspace

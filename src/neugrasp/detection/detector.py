@@ -14,7 +14,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from neugrasp.detection.decode import Prediction, SelectionConfig, select_grasps
+from neugrasp.detection.ask_head import predict_grasps
+from neugrasp.detection.decode import SelectionConfig, select_grasps
 from neugrasp.detection.hand_check import HandCheck
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
@@ -116,14 +117,9 @@ class NeuGraspDetector:
             scene = self.model.encode(inputs.images)
         with watch.stage("reconstruct"):
             reconstruction = self.model.reconstruct(scene, background, inputs)
-            tsdf = reconstruction.tsdf
         with watch.stage("grasp_head"):
-            volume = self.model.head(tsdf.unsqueeze(0))
-            prediction = Prediction(
-                tsdf.float().cpu().numpy(),
-                volume.quality[0].float().cpu().numpy(),
-                volume.rotation[0].float().cpu().numpy(),
-                volume.width[0].float().cpu().numpy(),
+            prediction = predict_grasps(
+                self.model.head, reconstruction.tsdf.float().cpu().numpy(), self.device
             )
         with watch.stage("selection"):
             chosen = select_grasps(prediction, self.model.workspace, self.gripper, self.selection)

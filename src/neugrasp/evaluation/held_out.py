@@ -18,11 +18,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from neugrasp.baselines.antipodal import antipodal_grasp
 from neugrasp.data.records import Record
-from neugrasp.detection.decode import Prediction, select_grasps
+from neugrasp.detection.ask_head import predict_grasps
+from neugrasp.detection.decode import select_grasps
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Validate
@@ -93,13 +93,9 @@ def find_grasps(
     return () if found is None else (found,)
 
 
-@torch.no_grad()
 def oracle_grasps(tsdf: np.ndarray, detector: NeuGraspDetector) -> tuple[Grasp, ...]:
     """What the grasp head finds on a true TSDF (r, r, r) in [-1, 1]."""
-    volume = detector.model.head(torch.from_numpy(tsdf).float().unsqueeze(0))
-    prediction = Prediction(
-        tsdf, volume.quality[0].numpy(), volume.rotation[0].numpy(), volume.width[0].numpy()
-    )
+    prediction = predict_grasps(detector.model.head, tsdf)
     return select_grasps(prediction, detector.model.workspace, detector.gripper, detector.selection).grasps
 
 

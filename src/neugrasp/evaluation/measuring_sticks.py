@@ -9,11 +9,11 @@ import zlib
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from neugrasp.baselines.antipodal import antipodal_grasp
 from neugrasp.baselines.vgn import INSIDE, vgn_selection
-from neugrasp.detection.decode import Prediction, SelectionConfig, select_grasps
+from neugrasp.detection.ask_head import predict_grasps
+from neugrasp.detection.decode import SelectionConfig, select_grasps
 from neugrasp.detection.detector import Detection
 from neugrasp.detection.hand_check import HandCheck
 from neugrasp.gripper import Gripper
@@ -33,7 +33,6 @@ class Oracle:
     hand: HandCheck | None = None
     """What is asked of grasps of NeuGrasp's head besides."""
 
-    @torch.no_grad()
     def detect(self, truth: Truth) -> Detection:
         """What the head finds, best first."""
         if self.is_vgn:
@@ -41,11 +40,8 @@ class Oracle:
             chosen, tsdf = vgn_selection(self.head, truth.tsdf, truth.workspace, self.gripper, config)
         else:
             tsdf = truth.tsdf.values
-            volume = self.head(torch.from_numpy(tsdf).unsqueeze(0))
-            prediction = Prediction(
-                tsdf, volume.quality[0].numpy(), volume.rotation[0].numpy(), volume.width[0].numpy()
-            )
             config = SelectionConfig(threshold=self.threshold, hand=self.hand)
+            prediction = predict_grasps(self.head, tsdf)
             chosen = select_grasps(prediction, truth.workspace, self.gripper, config)
         placed = truth.workspace.world_from_workspace
         grasps = tuple(grasp.moved(placed) for grasp in chosen.grasps)

@@ -11,11 +11,11 @@ import numpy as np
 from neugrasp.data.records import Record, read_record
 from neugrasp.data.shards import INDEX, Shards
 from neugrasp.errors import InputError
+from neugrasp.geometry.symmetry import Symmetry
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.training.samples import (
     PreparedRecord,
     Sample,
-    Symmetry,
     Truth,
     prepare_record,
     sample_of,

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
-from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from neugrasp.data.records import Record
-from neugrasp.geometry.camera import Camera
-from neugrasp.geometry.pose import Array
 from neugrasp.geometry.sampling import CameraTensors
+from neugrasp.geometry.symmetry import Symmetry
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.inputs import ViewTensors, crop_view, to_tensor
 from neugrasp.training.change import change_labels
@@ -113,60 +111,6 @@ def prepare_record(record: Record, workspace: Workspace, size: int) -> PreparedR
     )
 
 
-@dataclass(frozen=True)
-class Symmetry:
-    """Quarter turns about the vertical through the middle of the cube, after an optional mirroring of x."""
-
-    turns: int = 0
-    mirrored: bool = False
-
-    @classmethod
-    def random(cls, rng: np.random.Generator) -> Symmetry:
-        """One of the eight."""
-        return cls(int(rng.integers(4)), bool(rng.integers(2)))
-
-    def matrix(self, workspace: Workspace) -> Array:
-        """4x4 map of workspace points; its determinant is -1 where mirrored."""
-        turn = np.round(Rotation.from_euler("z", 90 * self.turns, degrees=True).as_matrix())
-        linear = turn @ np.diag([-1.0 if self.mirrored else 1.0, 1.0, 1.0])
-        middle = np.array([workspace.size / 2, workspace.size / 2, 0.0])
-        matrix = np.eye(4)
-        matrix[:3, :3] = linear
-        matrix[:3, 3] = middle - linear @ middle
-        return matrix
-
-    def of_grid(self, grid: np.ndarray) -> np.ndarray:
-        """A grid [x, y, z] of the moved scene."""
-        flipped = grid[::-1] if self.mirrored else grid
-        return np.ascontiguousarray(np.rot90(flipped, self.turns, axes=(0, 1)))
-
-    def of_image(self, image: np.ndarray) -> np.ndarray:
-        """The photo (h, w, ...) that the moved camera takes: mirrored left to right, or as it is."""
-        return np.ascontiguousarray(image[:, ::-1]) if self.mirrored else image
-
-    def of_camera(self, camera: Camera, workspace: Workspace) -> Camera:
-        """The camera that takes `of_image`. A mirrored frame becomes right-handed by turning its x axis."""
-        pose = self.matrix(workspace) @ camera.world_from_camera
-        if not self.mirrored:
-            return replace(camera, world_from_camera=pose)
-        intrinsics = camera.intrinsics.copy()
-        intrinsics[0, 2] = camera.width - 1 - intrinsics[0, 2]
-        intrinsics[0, 1] = -intrinsics[0, 1]
-        left, top, right, bottom = camera.bounds
-        sensed = (camera.width - 1 - right, top, camera.width - 1 - left, bottom)
-        mirror = np.diag([-1.0, 1.0, 1.0, 1.0])
-        return replace(camera, intrinsics=intrinsics, world_from_camera=pose @ mirror, sensed=sensed)
-
-    def of_rotations(self, quaternions: np.ndarray, workspace: Workspace) -> np.ndarray:
-        """Orientations (p, 4) of the moved grasps; the gripper is its own mirror image in x."""
-        if len(quaternions) == 0:
-            return quaternions
-        matrices = self.matrix(workspace)[:3, :3] @ Rotation.from_quat(quaternions).as_matrix()
-        if self.mirrored:
-            matrices = matrices @ np.diag([-1.0, 1.0, 1.0])
-        return Rotation.from_matrix(matrices).as_quat()
-
-
 def sample_of(prepared: PreparedRecord, workspace: Workspace, rng: np.random.Generator | None) -> Sample:
     """A training sample; with a generator it is augmented, without it is the record as it stands."""
     symmetry = Symmetry() if rng is None else Symmetry.random(rng)
@@ -238,7 +182,7 @@ def _labels(record: Record, symmetry: Symmetry, workspace: Workspace) -> GraspLa
     inside = workspace.contains(points)
     return GraspLabels(
         torch.from_numpy(workspace.index_of(points[inside])),
-        torch.from_numpy(symmetry.of_rotations(labels.quaternions[inside], workspace)).float(),
+        torch.from_numpy(symmetry.of_rotations(labels.quaternions[inside])).float(),
         torch.from_numpy(labels.widths[inside] / workspace.voxel_size).float(),
         torch.from_numpy(labels.success[inside].astype(bool)),
     )
