@@ -68,6 +68,14 @@ def test_a_head_that_moves_with_the_scene_is_left_as_it_is(tsdf: np.ndarray):
     np.testing.assert_allclose(asked.width, tsdf, atol=1e-6)
 
 
+def test_a_head_that_is_sure_raises_no_warning(tsdf: np.ndarray):
+    def sure(grids: torch.Tensor) -> GraspVolume:
+        rotation = torch.zeros((len(grids), 4, 16, 16, 16))
+        return GraspVolume(grids, rotation, grids, 1000 * grids.sign())
+
+    assert set(np.unique(predict_grasps(sure, tsdf).quality)) <= {0, 1}
+
+
 def test_errors_of_single_poses_cancel(tsdf: np.ndarray, rng: np.random.Generator):
     axes = np.array([0.1, 0.1, 0.1])
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import torch
+from scipy.special import expit
 from torch import Tensor
 
 from neugrasp.detection.decode import Grid, Prediction
@@ -38,7 +39,7 @@ def predict_grasps(
     rotation = np.moveaxis(_mean_rotation(turned), -1, 0)
     return Prediction(
         np.asarray(tsdf, dtype=np.float32),
-        (1 / (1 + np.exp(-logit))).astype(np.float32),
+        expit(logit).astype(np.float32),
         rotation.astype(np.float32),
         width.astype(np.float32),
     )
