@@ -24,13 +24,15 @@ from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
 from neugrasp.evaluation.bench import Bench
 from neugrasp.evaluation.commands import Evaluate, Story
+from neugrasp.evaluation.contestants import load_contestant, weights_facts
 from neugrasp.evaluation.episode import Episode, read_episode
+from neugrasp.evaluation.measuring_sticks import Oracle
 from neugrasp.evaluation.rounds import Round, Rounds
 from neugrasp.evaluation.run import evaluate
 from neugrasp.evaluation.scores import TIMES
 from neugrasp.evaluation.story import write_story
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.model.checkpoint import save_checkpoint
+from neugrasp.model.checkpoint import load_checkpoint, save_checkpoint
 from neugrasp.model.network import NeuGrasp
 from neugrasp.robot.pick import REASONS
 from neugrasp.simulation.objects import ObjectLibrary
@@ -169,6 +171,7 @@ def test_another_evaluation_is_refused_and_nothing_is_touched(undisturbed: Path)
         ({"detector": "vgn"}, "public checkpoint"),
         ({"detector": "oracle", "weights": "nowhere"}, "nowhere"),
         ({"depth": "stereo"}, "only vgn sees depth"),
+        ({"threshold": 1.5}, "--threshold 1.5; it must lie between 0 and 1"),
     ],
 )
 def test_options_that_cannot_be_used(changes: dict[str, Any], message: str, tmp_path: Path):
@@ -254,6 +257,21 @@ def weights(tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("weights") / "random.safetensors"
     save_checkpoint(path, NeuGrasp(tiny().model), {})
     return str(path)
+
+
+def test_the_threshold_is_the_users_or_the_weights_or_the_protocols(tmp_path: Path, weights: str):
+    judged = tmp_path / "judged.safetensors"
+    save_checkpoint(judged, load_checkpoint(weights).model(), {"threshold": 0.7})
+    for changes, threshold in (
+        ({"weights": weights}, 0.9),
+        ({"weights": str(judged)}, 0.7),
+        ({"weights": str(judged), "threshold": 0.3}, 0.3),
+    ):
+        config = small(tmp_path / "out", detector="oracle", **changes)
+        assert weights_facts(config)["threshold"] == threshold
+        oracle = load_contestant(config).detector
+        assert isinstance(oracle, Oracle)
+        assert oracle.threshold == threshold
 
 
 def test_photos_are_taken_for_the_network_and_backgrounds_once_for_all(

@@ -69,7 +69,7 @@ class Bench:
         friction = self.rules.object_friction
         library = self._library if friction is None else _SameFriction(self._library, friction)
         self.world = World(Workspace(), library, Gripper.load(config.gripper))
-        self._contestant = load_contestant(config, self.rules.threshold)
+        self._contestant = load_contestant(config)
         strategy = self.rules.strategy if config.strategy == "protocol" else config.strategy
         up: Array = self.world.workspace.world_from_workspace[:3, 2]
         self._game = Game(self.rules, strategy_of(strategy), self._rounds.choice_rng, up)

@@ -35,6 +35,9 @@ class Evaluate:
     """A name of bundled weights, or a file; for vgn, and for an oracle with VGN's head, a .pth of VGN."""
     hand_check: bool = True
     """Drop grasps whose hand would meet the reconstructed surface, or close on nothing. Never for VGN."""
+    threshold: float | None = None
+    """Smoothed quality from which a grasp is one; by default the one that the weights were judged with, or
+    the protocol's."""
     depth: Literal["exact", "noisy", "stereo"] = "exact"
     """The depth sensor of vgn; stereo sees glass and steel as such a sensor does."""
     gripper: str = "panda"

@@ -14,6 +14,7 @@ from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.declutter import Finder
 from neugrasp.evaluation.measuring_sticks import Antipodal, Oracle
+from neugrasp.evaluation.protocols import protocol_of
 from neugrasp.gripper import Gripper
 from neugrasp.model.checkpoint import find_weights, load_checkpoint
 
@@ -35,10 +36,10 @@ class Contestant:
         return SEES[self.name]
 
 
-def load_contestant(config: Evaluate, threshold: float) -> Contestant:
+def load_contestant(config: Evaluate) -> Contestant:
     """The detector of an evaluation. Raises `InputError` where its weights cannot be used."""
     gripper = Gripper.load(config.gripper)
-    return Contestant(config.detector, _detector(config, gripper, threshold))
+    return Contestant(config.detector, _detector(config, gripper, threshold_of(config)))
 
 
 def _detector(config: Evaluate, gripper: Gripper, threshold: float) -> Finder[Any]:
@@ -58,9 +59,19 @@ def _detector(config: Evaluate, gripper: Gripper, threshold: float) -> Finder[An
     return Antipodal(gripper, config.seed)
 
 
+def threshold_of(config: Evaluate) -> float:
+    """Smoothed quality from which a grasp is one: what the user says, else the weights, else the protocol."""
+    if config.threshold is not None:
+        return config.threshold
+    usual = protocol_of(config.protocol).threshold
+    if SEES[config.detector] == DEPTH or config.detector == "antipodal" or _is_vgn(config.weights):
+        return usual
+    return float(load_checkpoint(config.weights).about.get("threshold", usual))
+
+
 def weights_facts(config: Evaluate) -> dict[str, Any]:
-    """Name and hash of the weights that an evaluation depends on, how they were trained as far as they know,
-    and whether the hand was checked; nothing where there are none."""
+    """Name, hash and threshold of the weights that an evaluation depends on, how they were trained as far as
+    they know, and whether the hand was checked; nothing where there are none."""
     if config.detector == "antipodal":
         return {}
     is_vgn = config.detector == "vgn" or _is_vgn(config.weights)
@@ -69,7 +80,7 @@ def weights_facts(config: Evaluate) -> dict[str, Any]:
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    facts = {"weights": path.name, "weights_sha256": digest}
+    facts = {"weights": path.name, "weights_sha256": digest, "threshold": threshold_of(config)}
     if is_vgn:
         return facts
     about = load_checkpoint(config.weights).about

@@ -76,6 +76,8 @@ def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
         raise InputError(f"--seed {config.seed}; it must be at least 0")
     if config.workers is not None and config.workers < 1:
         raise InputError(f"--workers {config.workers}; it must be at least 1")
+    if config.threshold is not None and not 0 <= config.threshold <= 1:
+        raise InputError(f"--threshold {config.threshold}; it must lie between 0 and 1")
     if config.depth != "exact" and config.detector != "vgn":
         raise InputError(f"--depth {config.depth}: only vgn sees depth, not {config.detector}")
     library = ObjectLibrary.open(config.object_sets, config.objects)
