@@ -11,7 +11,7 @@ from torch import Tensor
 
 from neugrasp.detection.decode import Grid, Prediction
 from neugrasp.geometry.symmetry import SYMMETRIES, Symmetry
-from neugrasp.model.grasp_head import GraspVolume
+from neugrasp.model.grasp_head import GraspVolume, unit
 
 
 @torch.no_grad()
@@ -35,23 +35,23 @@ def predict_grasps(
     undo = [symmetry.inverse for symmetry in symmetries]
     logit = np.mean([one.of_grid(grid) for one, grid in zip(undo, logits, strict=True)], axis=0)
     width = np.mean([one.of_grid(grid) for one, grid in zip(undo, widths, strict=True)], axis=0)
-    turned = [one.of_rotations(one.of_grid(grid)) for one, grid in zip(undo, rotations, strict=True)]
-    rotation = np.moveaxis(_mean_rotation(turned), -1, 0)
+    turned = np.stack(
+        [one.of_rotations(one.of_grid(grid)) for one, grid in zip(undo, rotations, strict=True)]
+    )
+    rotation = _mean_rotation(torch.from_numpy(turned)).movedim(-1, 0).numpy()
     return Prediction(
         np.asarray(tsdf, dtype=np.float32),
         expit(logit).astype(np.float32),
-        rotation.astype(np.float32),
+        np.ascontiguousarray(rotation, dtype=np.float32),
         width.astype(np.float32),
     )
 
 
-def _mean_rotation(quaternions: list[np.ndarray]) -> np.ndarray:
-    """The mean (..., 4) of grasps' orientations about the first of them."""
+def _mean_rotation(quaternions: Tensor) -> Tensor:
+    """The mean (..., 4) of the orientations (n, ..., 4) of a grasp, about the first of them."""
     first = quaternions[0]
-    total = np.zeros_like(first)
-    for one in quaternions:
-        x, y, z, w = np.moveaxis(one, -1, 0)
-        other = np.stack([y, -x, w, -z], axis=-1)  # Turned by pi about the approach.
-        along, across = (np.sum(each * first, axis=-1, keepdims=True) for each in (one, other))
-        total += np.where(np.abs(along) >= np.abs(across), np.sign(along) * one, np.sign(across) * other)
-    return total / np.maximum(np.linalg.norm(total, axis=-1, keepdims=True), 1e-9)
+    x, y, z, w = quaternions.unbind(-1)
+    others = torch.stack([y, -x, w, -z], dim=-1)  # Turned by pi about the approach.
+    along, across = ((each * first).sum(-1, keepdim=True) for each in (quaternions, others))
+    nearer = torch.where(along.abs() >= across.abs(), along.sign() * quaternions, across.sign() * others)
+    return unit(nearer.sum(0), dim=-1)

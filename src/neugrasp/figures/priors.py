@@ -118,7 +118,9 @@ def _column(variant: Variant, subject: Subject, sides: tuple[View, View], grippe
     detection, workspace = variant.detection, subject.views.workspace
     front, back = (shade_surface(detection.tsdf, workspace, side.camera, SIZE) for side in sides)
     count = len(detection.grasps)
-    found = f"{count} grasps, best {detection.grasps[0].score:.2f}" if count else "no grasps"
+    found = (
+        f"{count} grasp{'s' * (count > 1)}, best {detection.grasps[0].score:.2f}" if count else "no grasps"
+    )
     error = ""
     if subject.truth is not None:
         error = f"L1 {l1_by_mask(detection.tsdf, subject.truth.tsdf)[MASK]:.3f}"

@@ -68,7 +68,7 @@ class Symmetry:
 
         With M the mirroring of x, R becomes turn M R M, and M R M has the quaternion (x, -y, -z, w).
         """
-        x, y, z, w = np.moveaxis(np.asarray(quaternions, dtype=float), -1, 0)
+        x, y, z, w = np.moveaxis(np.asarray(quaternions), -1, 0)
         if self.mirrored:
             y, z = -y, -z
         angle = math.pi / 4 * self.turns
