@@ -47,6 +47,8 @@ POLAR = 8.0, 55.0
 """Degrees off the vertical that training showed, with a margin."""
 DISTANCES = 0.25, 1.2
 """Metres from the middle of the table."""
+ENLARGED = Limits(2.8, 8.5)
+"""How many times the crop of a photo is enlarged for the network."""
 
 
 def check_intrinsics(capture: Capture) -> tuple[Capture, list[Finding]]:
@@ -145,10 +147,10 @@ def _size_in_photo(cameras: Sequence[Camera], views: Views) -> Finding:
     sizes = [right - left for left, _, right, _ in boxes]
     too_small = [NETWORK_SIZE / size for size in sizes]
     text = f"{min(sizes):.0f} to {max(sizes):.0f} pixels"
-    level = Limits(2.0, 6.0).level(max(too_small))
+    level = ENLARGED.level(max(too_small))
     if level == Level.GREEN:
         return green("size of the cube", text)
-    bad = tuple(i for i, size in enumerate(too_small) if size > 2)
+    bad = tuple(i for i, size in enumerate(too_small) if size > ENLARGED.yellow)
     return Finding("size of the cube", level, text, SMALL_IN_PHOTO, named(bad, len(sizes)))
 
 
