@@ -11,7 +11,7 @@ from torch import Tensor
 
 from neugrasp.detection.decode import Grid, Prediction
 from neugrasp.geometry.symmetry import SYMMETRIES, Symmetry
-from neugrasp.model.grasp_head import GraspVolume, unit
+from neugrasp.model.grasp_head import GraspVolume, half_turned, unit
 
 
 @torch.no_grad()
@@ -33,25 +33,25 @@ def predict_grasps(
         each.float().cpu().numpy() for each in (volume.logits, volume.width, volume.rotation.movedim(1, -1))
     )
     undo = [symmetry.inverse for symmetry in symmetries]
-    logit = np.mean([one.of_grid(grid) for one, grid in zip(undo, logits, strict=True)], axis=0)
-    width = np.mean([one.of_grid(grid) for one, grid in zip(undo, widths, strict=True)], axis=0)
-    turned = np.stack(
-        [one.of_rotations(one.of_grid(grid)) for one, grid in zip(undo, rotations, strict=True)]
-    )
+
+    def moved_back(grids: np.ndarray) -> np.ndarray:
+        return np.stack([one.of_grid(grid) for one, grid in zip(undo, grids, strict=True)])
+
+    there = zip(undo, moved_back(rotations), strict=True)
+    turned = np.stack([one.of_rotations(quaternions) for one, quaternions in there])
     rotation = _mean_rotation(torch.from_numpy(turned)).movedim(-1, 0).numpy()
     return Prediction(
         np.asarray(tsdf, dtype=np.float32),
-        expit(logit).astype(np.float32),
+        expit(moved_back(logits).mean(axis=0)).astype(np.float32),
         np.ascontiguousarray(rotation, dtype=np.float32),
-        width.astype(np.float32),
+        moved_back(widths).mean(axis=0).astype(np.float32),
     )
 
 
 def _mean_rotation(quaternions: Tensor) -> Tensor:
     """The mean (..., 4) of the orientations (n, ..., 4) of a grasp, about the first of them."""
     first = quaternions[0]
-    x, y, z, w = quaternions.unbind(-1)
-    others = torch.stack([y, -x, w, -z], dim=-1)  # Turned by pi about the approach.
+    others = half_turned(quaternions)
     along, across = ((each * first).sum(-1, keepdim=True) for each in (quaternions, others))
     nearer = torch.where(along.abs() >= across.abs(), along.sign() * quaternions, across.sign() * others)
     return unit(nearer.sum(0), dim=-1)

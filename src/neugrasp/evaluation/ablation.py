@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from neugrasp.evaluation.tables import l1_cell, rate_cell
+
 Metrics = dict[str, Any]
 
 NAMES = {
@@ -56,11 +58,7 @@ def _recipe(row: Metrics) -> str:
 def _measured(row: Metrics | None) -> list[str]:
     if row is None:
         return ["-"] * len(FIGURES)
-    rates = []
-    for name in FIGURES[:-1]:
-        interval = "" if row[name] is None else " ({:.0f} to {:.0f})".format(*row[f"{name}_ci"])
-        rates.append("-" if row[name] is None else f"{row[name]:.1f}{interval}")
-    return [*rates, "-" if row["L1"] is None else f"{row['L1']:.3f}"]
+    return [*(rate_cell(row, name) for name in FIGURES[:-1]), l1_cell(row)]
 
 
 def _published(figures: tuple[float, ...]) -> list[str]:

@@ -64,7 +64,7 @@ def threshold_of(config: Evaluate) -> float:
     if config.threshold is not None:
         return config.threshold
     usual = protocol_of(config.protocol).threshold
-    if SEES[config.detector] == DEPTH or config.detector == "antipodal" or _is_vgn(config.weights):
+    if config.detector == "antipodal" or _has_vgn_head(config):
         return usual
     return float(load_checkpoint(config.weights).about.get("threshold", usual))
 
@@ -74,7 +74,7 @@ def weights_facts(config: Evaluate) -> dict[str, Any]:
     they know, and whether the hand was checked; nothing where there are none."""
     if config.detector == "antipodal":
         return {}
-    is_vgn = config.detector == "vgn" or _is_vgn(config.weights)
+    is_vgn = _has_vgn_head(config)
     path = _vgn_file(config.weights) if is_vgn else find_weights(config.weights)
     try:
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
@@ -86,6 +86,10 @@ def weights_facts(config: Evaluate) -> dict[str, Any]:
     about = load_checkpoint(config.weights).about
     trained = {name: about[name] for name in ("recipe", "steps", "scenes") if name in about}
     return {**facts, "trained": trained, "hand_check": config.hand_check}
+
+
+def _has_vgn_head(config: Evaluate) -> bool:
+    return config.detector == "vgn" or _is_vgn(config.weights)
 
 
 def _is_vgn(weights: str) -> bool:

@@ -9,6 +9,7 @@ from typing import Any
 
 from neugrasp.errors import InputError
 from neugrasp.evaluation.ablation import ablation_table
+from neugrasp.evaluation.tables import l1_cell, rate_cell
 
 ABLATION = """## Ablation
 
@@ -113,11 +114,12 @@ def _table(rows: dict[str, dict[str, Any]]) -> Iterator[str]:
             row["materials"] if _sees_materials(row) else "any",
             row["views"] if row["detector"] in ("neugrasp", "vgn") else "18, all around",
             row["strategy"],
-            *(_rate(row, name) for name in ("SR", "FSR", "DR")),
+            *(rate_cell(row, name) for name in ("SR", "FSR", "DR")),
             f"{row['successes']} of {row['attempts']}",
             f"{row['rounds']}" + (f", {len(row['crashed'])} crashed" if row["crashed"] else ""),
             str(row["objects"]),
-            *_l1(row),
+            l1_cell(row),
+            _constants(row),
             _paper(row),
         ]
         yield "| " + " | ".join(cells) + " |"
@@ -134,18 +136,11 @@ def _sees_materials(row: dict[str, Any]) -> bool:
     return row["detector"] == "neugrasp" or row["depth"] == "stereo"
 
 
-def _rate(row: dict[str, Any], name: str) -> str:
-    if row[name] is None:
-        return "-"
-    low, high = row[f"{name}_ci"]
-    return f"{row[name]:.1f} ({low:.1f} to {high:.1f})"
-
-
-def _l1(row: dict[str, Any]) -> tuple[str, str]:
+def _constants(row: dict[str, Any]) -> str:
     if row["L1"] is None:
-        return "-", "-"
+        return "-"
     constants = [row["L1_constants"][value]["0.3"] for value in ("-1", "+0", "+1")]
-    return f"{row['L1']:.3f}", " / ".join(f"{value:.3f}" for value in constants)
+    return " / ".join(f"{value:.3f}" for value in constants)
 
 
 def _paper(row: dict[str, Any]) -> str:

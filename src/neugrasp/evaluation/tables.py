@@ -47,6 +47,19 @@ def _rate(metrics: dict[str, Any], name: str, count: str) -> str:
     return RATE.format(name, f"{value:.1f}", f"{interval[0]:.1f} to {interval[1]:.1f}", count)
 
 
+def rate_cell(row: dict[str, Any], name: str) -> str:
+    """A rate of metrics.json with its interval, for a table of many rows."""
+    if row[name] is None:
+        return "-"
+    low, high = row[f"{name}_ci"]
+    return f"{row[name]:.1f} ({low:.1f} to {high:.1f})"
+
+
+def l1_cell(row: dict[str, Any]) -> str:
+    """The headline L1 of metrics.json."""
+    return "-" if row["L1"] is None else f"{row['L1']:.3f}"
+
+
 def comparison_table(comparison: dict[str, Any]) -> str:
     """What `compare` found."""
     lines = [

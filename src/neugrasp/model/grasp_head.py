@@ -62,6 +62,12 @@ def unit(x: Tensor, dim: int) -> Tensor:
     return x * (x * x).sum(dim, keepdim=True).clamp(min=1e-24).rsqrt()
 
 
+def half_turned(quaternions: Tensor) -> Tensor:
+    """Orientations (..., 4), xyzw, turned by pi about their own approach: the same grasps."""
+    x, y, z, w = quaternions.unbind(-1)
+    return torch.stack([y, -x, w, -z], dim=-1)
+
+
 def convolve_doubled(x: Tensor, *layers: nn.Module) -> Tensor:
     """Convolutions of x (b, c, r, r, r) upsampled by two to the nearest voxel: (b, o, 2 r, 2 r, 2 r).
 

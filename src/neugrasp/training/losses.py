@@ -8,7 +8,7 @@ from torch import Tensor
 
 from neugrasp.geometry.sampling import sample_volume
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.model.grasp_head import GraspVolume
+from neugrasp.model.grasp_head import GraspVolume, half_turned
 from neugrasp.model.rendering import Rays, Rendered
 from neugrasp.training.change import OBJECT, TABLE
 from neugrasp.training.samples import GraspLabels
@@ -108,7 +108,6 @@ def _grasp_loss_of(volume: GraspVolume, grid: int, labels: GraspLabels) -> Tenso
 
 def rotation_distance(predicted: Tensor, truth: Tensor) -> Tensor:
     """1 - |q . q'| (p,) of unit quaternions xyzw (p, 4); a half turn about the approach costs nothing."""
-    x, y, z, w = truth.unbind(1)
-    turned = torch.stack([y, -x, w, -z], dim=1)  # truth * rotation by pi about its own z axis
-    similarity = torch.maximum((predicted * truth).sum(1).abs(), (predicted * turned).sum(1).abs())
+    same = half_turned(truth)
+    similarity = torch.maximum((predicted * truth).sum(1).abs(), (predicted * same).sum(1).abs())
     return 1 - similarity
