@@ -192,7 +192,8 @@ class Train:
     validation: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="DIR [DIR ...]")] = ()
     """Folders to validate on; without any, the last twentieth of the data is kept aside."""
     init: str | None = None
-    """Weights to start from, by name or file."""
+    """Weights to start from, by name or file; of another network than the recipe's, only the grasp head is
+    taken."""
     device: Literal["cpu", "cuda"] = "cpu"
     """Where to compute."""
     steps: int | None = None

@@ -83,6 +83,27 @@ def test_scenes_without_photos_teach_the_head_alone(data, without_photos, tmp_pa
         train(TrainRun(recipe="tiny", data=(without_photos,), out=tmp_path / "tiny"))
 
 
+def test_of_another_network_only_the_head_is_taken(data, without_photos, tmp_path, monkeypatch):
+    tiny = recipe("tiny")
+    blind = replace(tiny.model, use_backgrounds=False)
+    monkeypatch.setitem(RECIPES, "tiny-head", lambda: replace(tiny, steps=3, head_steps=3))
+    monkeypatch.setitem(RECIPES, "blind", lambda: replace(tiny, model=blind, learning_rate=0, average=0))
+    first = train(TrainRun(recipe="tiny-head", data=(without_photos,), out=tmp_path / "head"))
+    run = TrainRun(recipe="blind", data=(data,), out=tmp_path / "blind", init=str(first), steps=1, seed=1)
+    taken, given = (load_checkpoint(path).tensors for path in (train(run), first))
+    assert load_checkpoint(run.out / "weights.safetensors").about["init"] == first.name
+    assert all(taken[name].equal(given[name]) for name in given if name.startswith("head."))
+    kernels = [name for name in taken if name.startswith("features.") and taken[name].dim() == 4]
+    assert kernels
+    assert not any(taken[name].equal(given[name]) for name in kernels)
+
+    wider = replace(tiny.model, head_channels=(8, 8, 8))
+    monkeypatch.setitem(RECIPES, "wider", lambda: replace(tiny, model=wider))
+    with pytest.raises(InputError, match="configured differently"):
+        train(TrainRun(recipe="wider", data=(data,), out=tmp_path / "wider", init=str(first)))
+    assert not list((tmp_path / "wider").glob("*.safetensors"))
+
+
 def test_some_of_the_scenes(data, tmp_path):
     run = TrainRun(recipe="tiny", data=(data,), out=tmp_path / "one", steps=1, scenes=1)
     assert load_checkpoint(train(run)).about["scenes"] == 1

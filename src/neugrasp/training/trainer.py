@@ -48,7 +48,8 @@ class TrainRun:
     """Overrides the recipe's number of steps; the stages shrink or grow with it."""
     resume: bool = False
     init: str | None = None
-    """Weights to start from, by name or file, instead of random ones; the head's stage then lies behind."""
+    """Weights to start from, by name or file, instead of random ones; of another network than the recipe's
+    only the grasp head is taken. The head's stage then lies behind."""
     seed: int = 0
     scenes: int | None = None
     """So many of all scenes, evenly spread; by default all."""
@@ -122,9 +123,16 @@ def _check_out(run: TrainRun) -> None:
 
 def _start_from(model: NeuGrasp, weights: str) -> None:
     checkpoint = load_checkpoint(weights)
-    if checkpoint.config != model.config:
-        raise InputError(f"{weights}: its network is configured differently from the recipe's")
-    model.load_state_dict({name: tensor.float() for name, tensor in checkpoint.tensors.items()})
+    tensors = {name: tensor.float() for name, tensor in checkpoint.tensors.items()}
+    if checkpoint.config == model.config:
+        model.load_state_dict(tensors)
+        return
+    if checkpoint.config.head_channels != model.config.head_channels:
+        raise InputError(f"{weights}: its network is configured differently from the recipe's, its head too")
+    log.warning("%s: another network than the recipe's, so only its grasp head is taken", weights)
+    prefix = "head."
+    head = {name.removeprefix(prefix): each for name, each in tensors.items() if name.startswith(prefix)}
+    model.head.load_state_dict(head)
 
 
 class _HeldOut:
@@ -230,5 +238,6 @@ def _show_progress(step: int, config: TrainConfig, losses: dict[str, float], sec
 
 
 def _about(run: TrainRun, config: TrainConfig, steps: int, scenes: int) -> dict[str, Any]:
-    facts = {"recipe": run.recipe, "steps": steps, "seed": config.seed, "scenes": scenes}
+    began = {"init": Path(run.init).name} if run.init else {}
+    facts = {"recipe": run.recipe, **began, "steps": steps, "seed": config.seed, "scenes": scenes}
     return {**facts, "commit": source_commit()}
