@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from neugrasp.errors import InputError
-from neugrasp.evaluation.ablation import ablation_table
+from neugrasp.evaluation.ablation import ablation_table, scenes_table
 from neugrasp.evaluation.tables import l1_cell, rate_cell
 
 ABLATION = """## Ablation
@@ -16,6 +16,8 @@ ABLATION = """## Ablation
 Models that differ in one part, trained alike for the same number of steps, far fewer than the weights above:
 transparent and specular objects, strategy `random`, the rules of protocol `paper`. The paper's third table
 stands below.
+"""
+SCENES = """What more scenes are worth, the full model at the same number of steps:
 """
 HEAD = """# Results of the decluttering benchmark
 
@@ -58,7 +60,7 @@ the released views, and for VGN the depth of a stereo sensor."""
 
 
 def write_results(folder: Path, out: Path) -> Path:
-    """Writes the page; the folder's own folder `ablation` becomes a table of its own.
+    """Writes the page; models of the folder's own folder `ablation` are compared in tables of their own.
 
     Raises `InputError` where there is nothing to write or a file is not ours.
     """
@@ -79,7 +81,10 @@ def write_results(folder: Path, out: Path) -> Path:
         ]
     if (folder / "ablation").is_dir():
         some = read_metrics(folder / "ablation")
-        lines += [ABLATION, *ablation_table(some), "", *_origins(some), ""]
+        lines += [ABLATION, *ablation_table(some), ""]
+        if curve := list(scenes_table(some)):
+            lines += [SCENES, *curve, ""]
+        lines += [*_origins(some), ""]
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
     return out
