@@ -37,9 +37,9 @@ def ablation_table(rows: dict[str, Metrics]) -> Iterator[str]:
 
     Where a recipe was trained on several numbers of scenes, the largest counts.
     """
-    models = {_recipe(row): _by_scenes(rows, _recipe(row)) for row in rows.values()}
+    models = {recipe: _by_scenes(rows, recipe) for recipe in NAMES}
+    known = [recipe for recipe in NAMES if models[recipe]]
     yield from _head("model", "steps, scenes")
-    known = [recipe for recipe in NAMES if recipe in models]
     for recipe in known:
         scenes, some = models[recipe][-1]
         yield _line(NAMES[recipe], f"{_steps(some)}, {scenes}", some)
@@ -63,8 +63,9 @@ def _by_scenes(rows: dict[str, Metrics], recipe: str) -> list[tuple[int, dict[st
     """The rows of a recipe, pile and packed, by the number of scenes trained on, rising."""
     models: dict[int, dict[str, Metrics]] = {}
     for row in rows.values():
-        if _recipe(row) == recipe:
-            models.setdefault(row["trained"].get("scenes", 0), {})[row["scene"]] = row
+        trained = row.get("trained", {})
+        if trained.get("recipe") == recipe:
+            models.setdefault(trained.get("scenes", 0), {})[row["scene"]] = row
     return sorted(models.items())
 
 
@@ -83,10 +84,6 @@ def _line(name: str, training: str, model: dict[str, Metrics]) -> str:
     figures = [text for row in some for text in _measured(row)]
     rounds = ", ".join(str(row["rounds"]) if row else "-" for row in some)
     return "| " + " | ".join([name, training, *figures, rounds]) + " |"
-
-
-def _recipe(row: Metrics) -> str:
-    return str(row.get("trained", {}).get("recipe", "unknown"))
 
 
 def _measured(row: Metrics | None) -> list[str]:
