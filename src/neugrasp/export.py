@@ -126,5 +126,5 @@ def write_tsdf(file: Path, tsdf: ArrayLike, workspace: Workspace) -> None:
 
 
 def write_picture(file: Path, image: Image) -> None:
-    """A PNG file."""
+    """A file of the kind that its name says: PNG, or JPEG for many photos."""
     Picture.fromarray(image).save(file)

@@ -77,7 +77,7 @@ def test_the_command_writes_a_page_with_a_column_for_every_folder(
     assert "| of them successful | 75.0 % | 0.0 % |" in page
     assert "| scenes without any | 0 | 1 |" in page
     assert "| 66.7 %, 0.0 %, 33.3 % | -, -, - |" in page.replace("down, between, beyond 60 deg ", "")
-    for name in ("scenes.png", "balance.png"):
+    for name in ("scenes.jpg", "balance.png"):
         assert f"]({name})" in page
         with Picture.open(out / name) as picture:
             assert min(picture.size) > 100

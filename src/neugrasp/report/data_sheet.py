@@ -20,8 +20,8 @@ from neugrasp.pictures import Tile, contact_sheet
 from neugrasp.training.data import read_records
 from neugrasp.views import Image
 
-TEXT, SCENES, BALANCE = "data_sheet.md", "scenes.png", "balance.png"
-NUM_SCENES = 4
+TEXT, SCENES, BALANCE = "data_sheet.md", "scenes.jpg", "balance.png"
+NUM_SCENES = 3
 """Scenes of each folder that are shown."""
 MATERIALS = ("diffuse", "specular", "transparent")
 STEEP, FLAT = 30.0, 60.0
@@ -80,7 +80,7 @@ class Counts:
 
 
 def write_data_sheet(folders: Sequence[Path], out: Path) -> Path:
-    """Writes data_sheet.md, scenes.png and balance.png into `out`, all or none; the first one's path.
+    """Writes data_sheet.md, scenes.jpg and balance.png into `out`, all or none; the first one's path.
 
     Raises `InputError` where a folder holds no records or a damaged one.
     """
