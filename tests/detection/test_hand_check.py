@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import ConvexHull, cKDTree
 
 from neugrasp.detection.decode import Prediction, SelectionConfig, select_grasps
-from neugrasp.detection.hand_check import HandCheck
+from neugrasp.detection.hand_check import DEEPER, HandCheck
 from neugrasp.geometry.pose import rigid, rotation_about
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
@@ -57,6 +57,29 @@ def test_a_box_between_the_fingers_is_held(name: str):
 )
 def test_what_cannot_be_held_is_told_by_its_cause(name: str, position, expected):
     assert passes(Gripper.load(name), position) == expected
+
+
+@pytest.mark.parametrize("name", ["panda", "robotiq_2f85"])
+def test_a_hand_goes_as_deep_as_the_surface_lets_it(name: str):
+    gripper = Gripper.load(name)
+    top, table = CENTRE[2] + HALF[2], WORKSPACE.table_height
+    palm = top + (gripper.palm_height - gripper.tcp_height)
+    tips = table + (gripper.tip_height - gripper.tcp_height)
+    most = DEEPER * gripper.finger_depth
+    expected = {
+        "palm 8 mm over the top": ((0.15, 0.15, palm + 0.008), 0.008),
+        "palm far over the top": ((0.15, 0.15, palm + most + 0.02), most),
+        "tips 8 mm over the table": ((0.06, 0.06, tips + 0.008), 0.008),
+        "tips in the table": ((0.06, 0.06, tips - 0.008), 0.0),
+        "finger in the box": ((0.15, 0.19, palm + 0.02), 0.0),
+    }
+    places, room = zip(*expected.values(), strict=True)
+    poses = np.stack([rigid(DOWN, place) for place in places])
+    found = HandCheck(gripper).room(box_on_a_table(), WORKSPACE, poses)
+    assert dict(zip(expected, found, strict=True)) == pytest.approx(
+        dict(zip(expected, room, strict=True)), abs=3e-3
+    )
+    assert HandCheck(gripper).room(box_on_a_table(), WORKSPACE, np.empty((0, 4, 4))).shape == (0,)
 
 
 @pytest.mark.parametrize("name", ["panda", "robotiq_2f85"])
@@ -121,6 +144,10 @@ def test_selection_counts_what_the_hand_forbids(peak: tuple[int, int, int], reas
     assert len(blind.grasps) == 1
     checked = select_grasps(prediction, WORKSPACE, gripper, SelectionConfig(hand=HandCheck(gripper)))
     assert len(checked.grasps) == (reason is None)
+    for deeper, grasp in zip(checked.grasps, blind.grasps, strict=False):
+        way = deeper.position - grasp.position
+        assert 0 < way @ grasp.approach <= DEEPER * gripper.finger_depth + 1e-9
+        np.testing.assert_allclose(np.cross(way, grasp.approach), 0, atol=1e-12)
     if reason is not None:
         assert checked.rejected[reason] == 1
     assert len(checked.grasps) + sum(checked.rejected.values()) == tsdf.size

@@ -6,6 +6,7 @@ along the approach (docs/conventions.md).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,7 +39,7 @@ class SelectionConfig:
     min_width: float = 0.01
     """Narrowest opening, metres; the widest is `max_opening` less this."""
     hand: HandCheck | None = None
-    """What the surface has to say of the hand; None asks nothing."""
+    """Moves grasps as deep as the surface lets the hand, and drops what it speaks against; None: neither."""
 
 
 @dataclass(frozen=True)
@@ -110,12 +111,18 @@ def select_grasps(
     # Last, not before the suppression: the neighbours that would take the place of a peak that fails pass
     # only just, and hold less often.
     if config.hand is not None:
-        poses = np.array([grasp.pose for grasp in grasps]).reshape(-1, 4, 4)
-        holds, is_free = config.hand.passes(prediction.tsdf, workspace, poses)
+        room = config.hand.room(prediction.tsdf, workspace, _poses(grasps))
+        grasps = tuple(grasp.advanced(further) for grasp, further in zip(grasps, room, strict=True))
+        holds, is_free = config.hand.passes(prediction.tsdf, workspace, _poses(grasps))
         rejected["nothing_between_the_fingers"] = int(np.count_nonzero(~holds))
         rejected["hand_would_collide"] = int(np.count_nonzero(holds & ~is_free))
         grasps = tuple(grasp for grasp, passes in zip(grasps, holds & is_free, strict=True) if passes)
     return Selection(grasps, rejected, best)
+
+
+def _poses(grasps: Sequence[Grasp]) -> Array:
+    """(k, 4, 4)."""
+    return np.array([grasp.pose for grasp in grasps], dtype=np.float64).reshape(-1, 4, 4)
 
 
 def decode_grasp(

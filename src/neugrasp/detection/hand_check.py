@@ -1,4 +1,5 @@
-"""What the reconstructed surface itself says of a grasp: whether the hand gets there, and holds anything.
+"""What the reconstructed surface itself says of a grasp: how deep the hand can go, whether it gets there at
+all, and holds anything.
 
 Not in the paper, whose systems trust the network alone. Quality is learned from few trials for each scene;
 where the hand would end up is plain geometry, and the surface is there already.
@@ -12,7 +13,7 @@ from scipy.ndimage import map_coordinates
 from scipy.spatial import ConvexHull
 
 from neugrasp.geometry.fusion import Grid
-from neugrasp.geometry.pose import Array
+from neugrasp.geometry.pose import Array, rigid
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
 
@@ -20,6 +21,8 @@ FINGER_SPACING, PALM_SPACING = 0.006, 0.012
 """Metres between the points that stand for the hand's skin: a voxel is 7.5 mm, and a palm is large."""
 GRASPED = 0.4
 """Part of the fingers' depth, before the TCP, in which something is to be held."""
+DEEPER, STEP = 0.4, 0.0025
+"""Part of the fingers' depth by which a grasp may go deeper than the network said, and metres of a step."""
 
 
 class HandCheck:
@@ -38,6 +41,7 @@ class HandCheck:
         not known better than to a few millimetres."""
         self.least_grip = grip
         """Part of the space between the open pads that must be inside something."""
+        self.finger_depth = gripper.finger_depth
         self.hand: Array = np.concatenate([*fingers, *turned, *palm]) - [0, 0, gripper.tcp_height]
         """(n, 3), grasp frame, metres."""
         self.between: Array = _between_pads(gripper)
@@ -50,6 +54,18 @@ class HandCheck:
     def grip(self, tsdf: Grid, workspace: Workspace, poses: Array) -> Array:
         """Part (k,) of the space between the pads that is inside something, at TCP poses (k, 4, 4)."""
         return np.asarray((_read(tsdf, workspace, poses, self.between) < 0).mean(axis=1))
+
+    def room(self, tsdf: Grid, workspace: Workspace, poses: Array) -> Array:
+        """How much farther (k,), metres, the open hand can go from TCP poses (k, 4, 4) before it touches.
+
+        Labels come from any depth at which something is held, so the network's depth is the middle of what
+        works; what is held deeper slips less (docs/training_log.md). No tolerance here: a hand is moved only
+        through what is free.
+        """
+        depths = STEP * np.arange(round(DEEPER * self.finger_depth / STEP) + 1)
+        ahead = [poses @ rigid(translation=(0, 0, depth)) for depth in depths]
+        free = [self.clearance(tsdf, workspace, moved) > 0 for moved in ahead]
+        return STEP * np.maximum(np.cumprod(free, axis=0).sum(axis=0) - 1, 0)
 
     def passes(
         self, tsdf: Grid, workspace: Workspace, poses: Array
