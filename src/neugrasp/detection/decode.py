@@ -116,7 +116,9 @@ def select_grasps(
         holds, is_free = config.hand.passes(prediction.tsdf, workspace, _poses(grasps))
         rejected["nothing_between_the_fingers"] = int(np.count_nonzero(~holds))
         rejected["hand_would_collide"] = int(np.count_nonzero(holds & ~is_free))
-        grasps = tuple(grasp for grasp, passes in zip(grasps, holds & is_free, strict=True) if passes)
+        passes = holds & is_free & (room > config.hand.least_room)
+        rejected["held_by_the_rim"] = int(np.count_nonzero(holds & is_free & ~passes))
+        grasps = tuple(grasp for grasp, is_good in zip(grasps, passes, strict=True) if is_good)
     return Selection(grasps, rejected, best)
 
 

@@ -31,7 +31,7 @@ class HandCheck:
     The hand at the end of its approach is all that counts: where the fingers come from, the palm is then.
     """
 
-    def __init__(self, gripper: Gripper, clearance: float = -0.1, grip: float = 0.1):
+    def __init__(self, gripper: Gripper, clearance: float = -0.1, grip: float = 0.1, room: float = 0.0075):
         mount = np.array([0.0, gripper.max_opening / 2, gripper.finger_mount])
         fingers = [_skin(hull, FINGER_SPACING) + mount for hull in gripper.finger.hulls]
         turned = [points * [-1, -1, 1] for points in fingers]
@@ -41,6 +41,9 @@ class HandCheck:
         not known better than to a few millimetres."""
         self.least_grip = grip
         """Part of the space between the open pads that must be inside something."""
+        self.least_room = room
+        """Metres that the hand must be able to go deeper than the network said, and more: one that touches
+        sooner holds a rim."""
         self.finger_depth = gripper.finger_depth
         self.hand: Array = np.concatenate([*fingers, *turned, *palm]) - [0, 0, gripper.tcp_height]
         """(n, 3), grasp frame, metres."""
