@@ -10,7 +10,7 @@ WORDS = {
     "too_wide_for_the_gripper": "too wide for the gripper",
     "hand_would_collide": "where the hand would touch something",
     "nothing_between_the_fingers": "with nothing between the fingers",
-    "held_by_the_rim": "where the fingers would hold no more than a rim",
+    "held_by_the_rim": "where the fingers would hold a rim only, and others hold more",
     "not_the_best_nearby": "beside a better one",
 }
 

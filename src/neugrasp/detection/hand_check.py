@@ -42,8 +42,7 @@ class HandCheck:
         self.least_grip = grip
         """Part of the space between the open pads that must be inside something."""
         self.least_room = room
-        """Metres that the hand must be able to go deeper than the network said, and more: one that touches
-        sooner holds a rim."""
+        """Metres by which a hand goes deeper than the network said where it holds more than a rim."""
         self.finger_depth = gripper.finger_depth
         self.hand: Array = np.concatenate([*fingers, *turned, *palm]) - [0, 0, gripper.tcp_height]
         """(n, 3), grasp frame, metres."""
