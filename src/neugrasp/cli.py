@@ -75,8 +75,8 @@ class Predict:
     report: bool = False
     """Write report.html, too: the scene to turn, why candidates fell out, the doctor's verdict."""
     hand_check: bool = True
-    """Send grasps as deep as the reconstructed surface lets the hand, and drop those whose hand would meet it,
-    or close on nothing."""
+    """Send grasps as deep as the surface lets the hand, and drop those whose hand would meet it, or close
+    on nothing."""
     force: bool = False
     """Predict even where the doctor says red."""
 

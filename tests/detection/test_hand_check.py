@@ -19,10 +19,10 @@ DOWN = np.diag([1.0, -1.0, -1.0])
 """Approach from above, fingers closing along y."""
 
 
-def box_on_a_table(half: np.ndarray = HALF) -> np.ndarray:
+def box_on_a_table(half: np.ndarray = HALF, centre: np.ndarray = CENTRE) -> np.ndarray:
     """Its exact signed distance, truncated."""
     points = WORKSPACE.voxel_centres()
-    q = np.abs(points - CENTRE) - half
+    q = np.abs(points - centre) - half
     box = np.linalg.norm(np.maximum(q, 0), axis=-1) + np.minimum(q.max(axis=-1), 0)
     table = points[..., 2] - WORKSPACE.table_height
     return (np.minimum(box, table) / WORKSPACE.truncation).clip(-1, 1).astype(np.float32)
@@ -151,3 +151,24 @@ def test_selection_counts_what_the_hand_forbids(peak: tuple[int, int, int], reas
     if reason is not None:
         assert checked.rejected[reason] == 1
     assert len(checked.grasps) + sum(checked.rejected.values()) == tsdf.size
+
+
+@pytest.mark.parametrize("with_better", [False, True])
+def test_a_rim_is_held_only_where_nothing_better_is(with_better: bool):
+    """Two posts, one of them on a block that the fingers stand on before they get far."""
+    gripper, aside = Gripper.load("panda"), np.array([0.06, 0, 0])
+    block = box_on_a_table(np.array([0.05, 0.05, 0.0425]), np.array([*(CENTRE + aside)[:2], 0.0925]))
+    posts = [box_on_a_table(HALF, CENTRE - aside), box_on_a_table(HALF, CENTRE + aside)]
+    tsdf = np.minimum.reduce([*posts, block])
+    quality = np.zeros_like(tsdf)
+    places = [WORKSPACE.index_of(CENTRE + side * aside + [0, 0, 0.08]) for side in (1, -1)[: 1 + with_better]]
+    for x, y, z in places:
+        quality[x - 3 : x + 4, y - 3 : y + 4, z - 3 : z + 4] = 0.97
+        quality[x, y, z] = 1.0
+    rotation = np.zeros((4, *tsdf.shape), dtype=np.float32)
+    rotation[0] = 1.0
+    prediction = Prediction(tsdf, quality, rotation, np.full_like(tsdf, 5.0))
+    chosen = select_grasps(prediction, WORKSPACE, gripper, SelectionConfig(hand=HandCheck(gripper)))
+    assert len(chosen.grasps) == 1
+    assert (chosen.grasps[0].position[0] < CENTRE[0]) == with_better
+    assert chosen.rejected.get("held_by_the_rim", 0) == with_better

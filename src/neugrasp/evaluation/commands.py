@@ -34,8 +34,8 @@ class Evaluate:
     weights: str = "neugrasp"
     """A name of bundled weights, or a file; for vgn, and for an oracle with VGN's head, a .pth of VGN."""
     hand_check: bool = True
-    """Send grasps as deep as the reconstructed surface lets the hand, and drop those whose hand would meet it,
-    or close on nothing. Never for VGN."""
+    """Send grasps as deep as the surface lets the hand, and drop those whose hand would meet it, or close
+    on nothing. Never for VGN."""
     threshold: float | None = None
     """Smoothed quality from which a grasp is one; by default the one that the weights were judged with, or
     the protocol's."""
@@ -157,8 +157,8 @@ class Validate:
     threshold: float | None = None
     """Predicted probability of success below which nothing is tried; by default the weights' own."""
     hand_check: bool = True
-    """Send grasps as deep as the reconstructed surface lets the hand, and drop those whose hand would meet it,
-    or close on nothing."""
+    """Send grasps as deep as the surface lets the hand, and drop those whose hand would meet it, or close
+    on nothing."""
     seed: int = 0
     """Of the random antipodal grasps."""
 

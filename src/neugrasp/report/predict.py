@@ -35,8 +35,8 @@ class PredictRun:
     with_report: bool = False
     """Whether report.html is written, too."""
     hand_check: bool = True
-    """Whether grasps go as deep as the surface lets the hand, and are dropped where it would meet the surface,
-    or close on nothing."""
+    """Whether grasps go as deep as the surface lets the hand, and are dropped where it would meet it or close
+    on nothing."""
     is_forced: bool = False
     """Whether to predict even where the doctor says red."""
 
