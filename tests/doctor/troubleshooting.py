@@ -34,6 +34,7 @@ same test checks it.
 | too wide for the gripper | the objects are wider than the gripper opens: another `--gripper` |
 | too narrow to be real | noise or the edge of the table was taken for objects |
 | where the hand would touch something | objects stand close together: other views, a slimmer `--gripper` |
+| where the fingers would hold a rim only, and others hold more | nothing: what is left holds better |
 | with nothing between the fingers | the best places lie beside the surface: see the report's surface |
 | beside a better one | nothing: of close neighbours only the best is kept |
 
