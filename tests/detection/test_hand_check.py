@@ -123,6 +123,17 @@ def test_the_check_does_not_depend_on_where_the_voxels_are_cut():
         )
 
 
+def straight_down(tsdf: np.ndarray, *peaks: tuple[int, ...]) -> Prediction:
+    """Good grasps from above around each of the voxels `peaks`, which are the best."""
+    quality = np.zeros_like(tsdf)
+    for x, y, z in peaks:
+        quality[x - 4 : x + 5, y - 4 : y + 5, z - 4 : z + 5] = 0.95
+        quality[x, y, z] = 1.0
+    rotation = np.zeros((4, *tsdf.shape), dtype=np.float32)
+    rotation[0] = 1.0
+    return Prediction(tsdf, quality, rotation, np.full_like(tsdf, 5.0))
+
+
 @pytest.mark.parametrize(
     ("peak", "reason"),
     [
@@ -133,13 +144,7 @@ def test_the_check_does_not_depend_on_where_the_voxels_are_cut():
 )
 def test_selection_counts_what_the_hand_forbids(peak: tuple[int, int, int], reason: str | None):
     gripper, tsdf = Gripper.load("panda"), box_on_a_table()
-    x, y, z = peak
-    quality = np.zeros_like(tsdf)
-    quality[x - 4 : x + 5, y - 4 : y + 5, z - 4 : z + 5] = 0.95
-    quality[peak] = 1.0
-    rotation = np.zeros((4, *tsdf.shape), dtype=np.float32)
-    rotation[0] = 1.0
-    prediction = Prediction(tsdf, quality, rotation, np.full_like(tsdf, 5.0))
+    prediction = straight_down(tsdf, peak)
     blind = select_grasps(prediction, WORKSPACE, gripper)
     assert len(blind.grasps) == 1
     checked = select_grasps(prediction, WORKSPACE, gripper, SelectionConfig(hand=HandCheck(gripper)))
@@ -160,15 +165,10 @@ def test_a_rim_is_held_only_where_nothing_better_is(with_better: bool):
     block = box_on_a_table(np.array([0.05, 0.05, 0.0425]), np.array([*(CENTRE + aside)[:2], 0.0925]))
     posts = [box_on_a_table(HALF, CENTRE - aside), box_on_a_table(HALF, CENTRE + aside)]
     tsdf = np.minimum.reduce([*posts, block])
-    quality = np.zeros_like(tsdf)
-    places = [WORKSPACE.index_of(CENTRE + side * aside + [0, 0, 0.08]) for side in (1, -1)[: 1 + with_better]]
-    for x, y, z in places:
-        quality[x - 3 : x + 4, y - 3 : y + 4, z - 3 : z + 4] = 0.97
-        quality[x, y, z] = 1.0
-    rotation = np.zeros((4, *tsdf.shape), dtype=np.float32)
-    rotation[0] = 1.0
-    prediction = Prediction(tsdf, quality, rotation, np.full_like(tsdf, 5.0))
-    chosen = select_grasps(prediction, WORKSPACE, gripper, SelectionConfig(hand=HandCheck(gripper)))
+    sides = (1, -1) if with_better else (1,)
+    peaks = [WORKSPACE.index_of(CENTRE + side * aside + [0, 0, 0.08]) for side in sides]
+    config = SelectionConfig(hand=HandCheck(gripper))
+    chosen = select_grasps(straight_down(tsdf, *peaks), WORKSPACE, gripper, config)
     assert len(chosen.grasps) == 1
     assert (chosen.grasps[0].position[0] < CENTRE[0]) == with_better
     assert chosen.rejected.get("held_by_the_rim", 0) == with_better

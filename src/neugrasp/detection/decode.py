@@ -117,12 +117,11 @@ def select_grasps(
         rejected["nothing_between_the_fingers"] = int(np.count_nonzero(~holds))
         rejected["hand_would_collide"] = int(np.count_nonzero(holds & ~is_free))
         passes = holds & is_free
-        # Half of those slip: worth a try only where nothing is held better.
-        by_the_rim = passes & (room <= config.hand.least_room)
-        if (by_the_rim != passes).any():
-            rejected["held_by_the_rim"] = int(np.count_nonzero(by_the_rim))
-            passes &= ~by_the_rim
-        grasps = tuple(grasp for grasp, is_good in zip(grasps, passes, strict=True) if is_good)
+        deep = passes & (room > config.hand.least_room)
+        # Half of the others slip: worth a try only where nothing is held better.
+        kept = deep if deep.any() else passes
+        rejected["held_by_the_rim"] = int(np.count_nonzero(passes & ~kept))
+        grasps = tuple(grasp for grasp, is_kept in zip(grasps, kept, strict=True) if is_kept)
     return Selection(grasps, rejected, best)
 
 

@@ -94,8 +94,8 @@ class NeuGraspDetector:
         """From shipped weights by name or a weights file, and a gripper by name or file.
 
         Without a `threshold`, the one noted with the weights when they were judged, else the paper's. With
-        `hand_check`, grasps go as deep as the reconstructed surface lets the hand, and those that would meet
-        it, or close on nothing, are dropped.
+        `hand_check`, grasps go as deep as the reconstructed surface lets the hand; those that would meet it,
+        or close on nothing, are dropped, and those that hold a rim only, where others hold more.
         Raises `InputError` where weights or gripper cannot be used.
         """
         checkpoint = load_checkpoint(weights)
