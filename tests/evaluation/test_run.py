@@ -22,6 +22,7 @@ import torch
 from neugrasp import cli
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
+from neugrasp.evaluation import run
 from neugrasp.evaluation.bench import Bench
 from neugrasp.evaluation.commands import Evaluate, Story
 from neugrasp.evaluation.contestants import load_contestant, weights_facts
@@ -37,6 +38,7 @@ from neugrasp.model.network import NeuGrasp
 from neugrasp.robot.pick import REASONS
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
+from neugrasp.simulation.renderer import RenderSettings
 from neugrasp.training.recipes import tiny
 from toy_boxes import AirGrasper
 
@@ -172,6 +174,8 @@ def test_another_evaluation_is_refused_and_nothing_is_touched(undisturbed: Path)
         ({"detector": "oracle", "weights": "nowhere"}, "nowhere"),
         ({"depth": "stereo"}, "only vgn sees depth"),
         ({"threshold": 1.5}, "--threshold 1.5; it must lie between 0 and 1"),
+        ({"samples": 2}, "--samples 2: only neugrasp sees photos, not antipodal"),
+        ({"samples": 3, "detector": "neugrasp"}, "--samples 3; it must be a power of two"),
     ],
 )
 def test_options_that_cannot_be_used(changes: dict[str, Any], message: str, tmp_path: Path):
@@ -294,9 +298,31 @@ def test_photos_are_taken_for_the_network_and_backgrounds_once_for_all(
     evaluate(replace(config, out=tmp_path / "b", materials="diffuse"), Counting)
     assert rendered == [True, True]
 
+    rendered.clear()
+    other = evaluate(replace(config, out=tmp_path / "c", samples=1), Counting)
+    assert rendered == [False, True, True], "photos of other noise need backgrounds of that noise"
+    assert (other["samples"], metrics["samples"]) == (1, 4)
+
     story = Story(tmp_path / "a", 0, tmp_path / "story.html", photos="yes")
     page = write_story(story, photographers.NoisePhotographer(1)).read_text()
     assert page.count("data:image/jpeg;base64,") == 4 * 3
+
+
+def test_samples_reach_the_renderer(
+    tmp_path: Path, weights: str, photographers: ModuleType, monkeypatch: pytest.MonkeyPatch
+):
+    asked: list[int] = []
+
+    def renderer(threads: int, settings: RenderSettings) -> object:
+        asked.append(settings.samples)
+        return photographers.NoisePhotographer(threads)
+
+    monkeypatch.setattr(run, "Renderer", renderer)
+    monkeypatch.setattr(NeuGraspDetector, "load", classmethod(lambda *_, **__: AirGrasper()))
+    for samples in (4, 1):
+        config = small(tmp_path / str(samples), detector="neugrasp", weights=weights, rounds=1, workers=1)
+        evaluate(replace(config, samples=samples))
+    assert asked == [4, 1]
 
 
 def test_a_story_is_one_file_that_tells_every_attempt(undisturbed: Path, tmp_path: Path):

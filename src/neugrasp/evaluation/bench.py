@@ -28,6 +28,7 @@ from neugrasp.robot.simulated_stereo import StereoCamera
 from neugrasp.simulation.cell_photos import Photographer, backgrounds
 from neugrasp.simulation.objects import ObjectLibrary, ObjectModel
 from neugrasp.simulation.physics import World
+from neugrasp.simulation.renderer import RenderSettings
 
 log = logging.getLogger(__name__)
 
@@ -106,7 +107,7 @@ class Bench:
         sees = self._contestant.sees
         if sees == PHOTOS:
             assert self._photographer is not None
-            folder = background_folder(fixed.cell)
+            folder = background_folder(fixed.cell, RenderSettings(samples=self.config.samples))
             empty = backgrounds(fixed.cell, folder, self._photographer, self._library)
             return PhotoCamera(
                 robot, fixed.cell, empty, self._photographer, self._library, self.world.workspace

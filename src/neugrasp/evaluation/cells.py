@@ -17,14 +17,14 @@ PAINTERS = ("blender*.py", "renderer.py", "textures.py")
 """The files of `simulation` that decide how a table looks."""
 
 
-def background_folder(cell: Cell) -> Path:
+def background_folder(cell: Cell, settings: RenderSettings) -> Path:
     """The folder of a cell's backgrounds; another one as soon as the cell or the renderer is another."""
     described = {
         "cameras": [camera_to_dict(camera) for camera in cell.cameras],
         "seed": cell.seed,
         "light": cell.light,
         "table": cell.table,
-        "settings": asdict(RenderSettings()),
+        "settings": asdict(settings),
         "renderer": _painters_sha256(),
     }
     key = hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()

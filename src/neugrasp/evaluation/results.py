@@ -9,6 +9,7 @@ from typing import Any
 
 from neugrasp.errors import InputError
 from neugrasp.evaluation.ablation import ablation_table, scenes_table
+from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.tables import l1_cell, rate_cell
 
 ABLATION = """## Ablation
@@ -132,8 +133,10 @@ def _table(rows: dict[str, dict[str, Any]]) -> Iterator[str]:
 
 def _detector(row: dict[str, Any]) -> str:
     depth = f", {row['depth']} depth" if row["depth"] else ""
+    samples = row.get("samples", Evaluate.samples)
+    noise = f", {samples} sample{'s' * (samples > 1)} a pixel" if samples != Evaluate.samples else ""
     unchecked = ", no hand check" if row.get("hand_check") is False else ""
-    weights = f" ({row['weights']}{depth}{unchecked})" if row.get("weights") else ""
+    weights = f" ({row['weights']}{depth}{noise}{unchecked})" if row.get("weights") else ""
     return f"{row['detector']}{weights}"
 
 

@@ -9,6 +9,7 @@ import platform
 import time
 from contextlib import closing
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from neugrasp.gripper import Gripper
 from neugrasp.long_runs import begun_as, held, source_commit
 from neugrasp.metrics import wilson_interval
 from neugrasp.simulation.objects import ObjectLibrary
-from neugrasp.simulation.renderer import Renderer
+from neugrasp.simulation.renderer import Renderer, RenderSettings
 
 FORMAT, VERSION = "neugrasp-metrics", 1
 
@@ -62,7 +63,7 @@ def _photographer_for(config: Evaluate) -> MakePhotographer:
         from neugrasp.simulation.infrared import infrared_renderer
 
         return infrared_renderer
-    return Renderer
+    return partial(Renderer, settings=RenderSettings(samples=config.samples))
 
 
 def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
@@ -80,6 +81,9 @@ def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
         raise InputError(f"--threshold {config.threshold}; it must lie between 0 and 1")
     if config.depth != "exact" and config.detector != "vgn":
         raise InputError(f"--depth {config.depth}: only vgn sees depth, not {config.detector}")
+    if config.samples != Evaluate.samples and config.detector != "neugrasp":
+        raise InputError(f"--samples {config.samples}: only neugrasp sees photos, not {config.detector}")
+    RenderSettings(samples=config.samples)
     library = ObjectLibrary.open(config.object_sets, config.objects)
     choices = library.choices(config.split, config.scene)
     names = json.dumps(choices)
@@ -91,6 +95,7 @@ def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
         "protocol": config.protocol,
         "views": config.views,
         "depth": config.depth if config.detector == "vgn" else None,
+        **({"samples": config.samples} if config.detector == "neugrasp" else {}),
         "gripper": Gripper.load(config.gripper).name,
         "seed": config.seed,
         "split": config.split,

@@ -16,7 +16,7 @@ from PIL import Image as Picture
 
 from neugrasp.errors import InputError
 from neugrasp.evaluation.cells import background_folder
-from neugrasp.evaluation.commands import Story
+from neugrasp.evaluation.commands import Evaluate, Story
 from neugrasp.evaluation.episode import Attempt, Episode, read_episode
 from neugrasp.evaluation.rounds import Round, Rounds
 from neugrasp.geometry.pose import from_quaternion
@@ -28,7 +28,7 @@ from neugrasp.robot.pick import SUCCESS
 from neugrasp.simulation.cell_photos import Photographer, backgrounds
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.renderer import Renderer
+from neugrasp.simulation.renderer import Renderer, RenderSettings
 from neugrasp.simulation.scene import Scene, scene_from_json
 from neugrasp.views import Image, View
 
@@ -56,7 +56,7 @@ def write_story(story: Story, photographer: Photographer | None = None) -> Path:
     wants_photos = story.photos == "yes" or (story.photos == "auto" and facts["detector"] == "neugrasp")
     with ExitStack() as closing:
         if wants_photos and photographer is None:
-            photographer = closing.enter_context(Renderer())
+            photographer = closing.enter_context(Renderer(settings=_settings(facts)))
         stage = _Stage(facts, story.objects, photographer if wants_photos else None)
         closing.enter_context(stage.world)
         fixed = stage.fixed(episode.index)
@@ -65,6 +65,11 @@ def write_story(story: Story, photographer: Photographer | None = None) -> Path:
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text("\n".join(_page(facts, episode, pictures, left)), encoding="utf-8")
     return out
+
+
+def _settings(facts: dict[str, Any]) -> RenderSettings:
+    """How the photos of an evaluation are made, where it saw any."""
+    return RenderSettings(samples=facts.get("samples", Evaluate.samples))
 
 
 def _facts(folder: Path) -> dict[str, Any]:
@@ -84,6 +89,7 @@ class _Stage:
         self._library = ObjectLibrary.open(facts["object_sets"], objects)
         self.world = World(Workspace(), self._library, self.gripper)
         self._rounds = Rounds.of_facts(facts, self._library)
+        self._settings = _settings(facts)
 
     def fixed(self, index: int) -> Round:
         """What is fixed about a round."""
@@ -101,7 +107,7 @@ class _Stage:
     def _photos(self, fixed: Round, scene: Scene) -> list[View]:
         assert self._photographer is not None
         cell = fixed.cell
-        empty = backgrounds(cell, background_folder(cell), self._photographer, self._library)
+        empty = backgrounds(cell, background_folder(cell, self._settings), self._photographer, self._library)
         photos = self._photographer.render(cell, scene, self._library, range(cell.num_inputs))
         return [View(p, b, c) for p, b, c in zip(photos, empty, cell.cameras, strict=False)]
 

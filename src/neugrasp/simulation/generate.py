@@ -86,8 +86,7 @@ def _checked(config: GenerateConfig) -> ObjectLibrary:
             raise InputError(f"{what} {number}; it must be at least 1")
     if not 1 <= config.targets <= TARGETS_PER_CELL:
         raise InputError(f"--targets {config.targets}; a work cell has 1 to {TARGETS_PER_CELL}")
-    if config.samples < 1 or config.samples.bit_count() != 1:
-        raise InputError(f"--samples {config.samples}; it must be a power of two: 1, 2, 4, ...")
+    RenderSettings(samples=config.samples)
     if config.seed < 0:
         raise InputError(f"--seed {config.seed}; it must be at least 0")
     Gripper.load(config.gripper)

@@ -61,6 +61,10 @@ class RenderSettings:
     cycles: dict[str, Any] = field(default_factory=dict)
     """Further settings of Cycles by Blender's names, for measurements."""
 
+    def __post_init__(self) -> None:
+        if self.samples < 1 or self.samples.bit_count() != 1:
+            raise InputError(f"--samples {self.samples}; it must be a power of two: 1, 2, 4, ...")
+
 
 class _Gone(Exception):
     """The Blender process died or did not answer in time."""
