@@ -162,6 +162,14 @@ def test_what_came_off_the_table_is_told_by_material_where_the_detector_saw_mate
     assert "| stick | 3 of 4" not in page
 
 
+@pytest.mark.parametrize(("samples", "told"), [(4, ""), (1, ", 1 sample a pixel"), (2, ", 2 samples a pixel")])
+def test_photos_of_other_noise_are_named(tmp_path: Path, samples: int, told: str):
+    row = metrics([played(0, "+")], detector="neugrasp", depth=None, samples=samples)
+    (tmp_path / "row.json").write_text(json.dumps(row))
+    page = write_results(tmp_path, tmp_path / "results.md").read_text()
+    assert f"| neugrasp (vgn_conv.pth{told}) |" in page
+
+
 def test_ablations_have_a_table_of_their_own_beside_the_papers(tmp_path: Path):
     (tmp_path / "row.json").write_text(json.dumps(metrics([played(0, "+")])))
     (tmp_path / "ablation").mkdir()

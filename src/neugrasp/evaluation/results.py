@@ -9,8 +9,8 @@ from typing import Any
 
 from neugrasp.errors import InputError
 from neugrasp.evaluation.ablation import ablation_table, scenes_table
-from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.tables import l1_cell, rate_cell
+from neugrasp.simulation.renderer import RenderSettings
 
 ABLATION = """## Ablation
 
@@ -133,8 +133,8 @@ def _table(rows: dict[str, dict[str, Any]]) -> Iterator[str]:
 
 def _detector(row: dict[str, Any]) -> str:
     depth = f", {row['depth']} depth" if row["depth"] else ""
-    samples = row.get("samples", Evaluate.samples)
-    noise = f", {samples} sample{'s' * (samples > 1)} a pixel" if samples != Evaluate.samples else ""
+    samples = row.get("samples", RenderSettings.samples)
+    noise = f", {samples} sample{'s' * (samples > 1)} a pixel" if samples != RenderSettings.samples else ""
     unchecked = ", no hand check" if row.get("hand_check") is False else ""
     weights = f" ({row['weights']}{depth}{noise}{unchecked})" if row.get("weights") else ""
     return f"{row['detector']}{weights}"

@@ -16,7 +16,7 @@ from PIL import Image as Picture
 
 from neugrasp.errors import InputError
 from neugrasp.evaluation.cells import background_folder
-from neugrasp.evaluation.commands import Evaluate, Story
+from neugrasp.evaluation.commands import Story
 from neugrasp.evaluation.episode import Attempt, Episode, read_episode
 from neugrasp.evaluation.rounds import Round, Rounds
 from neugrasp.geometry.pose import from_quaternion
@@ -69,7 +69,7 @@ def write_story(story: Story, photographer: Photographer | None = None) -> Path:
 
 def _settings(facts: dict[str, Any]) -> RenderSettings:
     """How the photos of an evaluation are made, where it saw any."""
-    return RenderSettings(samples=facts.get("samples", Evaluate.samples))
+    return RenderSettings(samples=facts.get("samples", RenderSettings.samples))
 
 
 def _facts(folder: Path) -> dict[str, Any]:
