@@ -162,7 +162,9 @@ def test_what_came_off_the_table_is_told_by_material_where_the_detector_saw_mate
     assert "| stick | 3 of 4" not in page
 
 
-@pytest.mark.parametrize(("samples", "told"), [(4, ""), (1, ", 1 sample a pixel"), (2, ", 2 samples a pixel")])
+@pytest.mark.parametrize(
+    ("samples", "told"), [(4, ""), (1, ", 1 sample a pixel"), (2, ", 2 samples a pixel")]
+)
 def test_photos_of_other_noise_are_named(tmp_path: Path, samples: int, told: str):
     row = metrics([played(0, "+")], detector="neugrasp", depth=None, samples=samples)
     (tmp_path / "row.json").write_text(json.dumps(row))
