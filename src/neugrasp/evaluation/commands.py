@@ -40,7 +40,8 @@ class Evaluate:
     """Smoothed quality from which a grasp is one; by default the one that the weights were judged with, or
     the protocol's."""
     samples: int = 4
-    """Of a pixel of the photos, a power of two, as in `generate`: with one, a round takes half the time."""
+    """Of a pixel of the photos, a power of two, as in `generate`: with one, a round takes less than half the
+    time."""
     depth: Literal["exact", "noisy", "stereo"] = "exact"
     """The depth sensor of vgn; stereo sees glass and steel as such a sensor does."""
     gripper: str = "panda"
