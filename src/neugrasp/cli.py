@@ -15,7 +15,7 @@ from neugrasp.bench.command import SpeedTest
 from neugrasp.doctor.command import Doctor
 from neugrasp.doctor.findings import Verdict
 from neugrasp.errors import InputError, NeuGraspError
-from neugrasp.evaluation.commands import Compare, Evaluate, Results, Story, Validate
+from neugrasp.evaluation.commands import Compare, Evaluate, Failures, Results, Story, Validate
 from neugrasp.exporters.command import Export
 from neugrasp.figures.command import Figure
 from neugrasp.importers.command import Import, PrintBoard
@@ -256,6 +256,7 @@ COMMANDS: dict[str, Callable[..., Command]] = {
     "validate": Validate,
     "evaluate": Evaluate,
     "compare": _positional(Compare),
+    "failures": _positional(Failures),
     "story": _positional(Story),
     "results": Results,
     "view": _positional(Viewer),

@@ -101,6 +101,20 @@ def test_numbers_of_later_bodies_move_down_when_one_is_taken_out(world: World, t
     assert mask.max() == 2
 
 
+def test_the_nearest_body_is_that_of_the_nearest_surface(world: World, toy: Toy, lay: Lay) -> None:
+    point = np.array([0.155, 0.15, 0.1])
+    lay()
+    assert world.nearest(point) is None
+    near, far = toy("ball 0.01", (0.2, 0.15, 0.1)), toy("ball 0.04", (0.1, 0.15, 0.1))
+    for bodies in ((near, far), (far, near)):
+        lay(*bodies)
+        # 35 mm from the small ball, whose centre is nearer, 15 mm from the large one.
+        assert bodies[world.nearest(point)] == far
+        assert bodies[world.nearest(np.array(near.position))] == near, "inside it"
+    world.remove(0)
+    assert world.nearest(point) == 0
+
+
 def above(eye: tuple[float, float, float], target: tuple[float, float, float] = (0.15, 0.15, 0.05)) -> Camera:
     """A camera whose principal point is nowhere near the middle and whose sides are odd and even."""
     intrinsics = np.array([[310.0, 0, 97.3], [0, 325.0, 150.6], [0, 0, 1]])

@@ -102,6 +102,22 @@ class Compare:
 
 
 @dataclass(frozen=True)
+class Failures:
+    """At which objects and materials the grasps of an evaluation failed, and why."""
+
+    evaluation: Path
+    """What `neugrasp evaluate` wrote."""
+    objects: Path | None = None
+    """The folder of URDF objects that the evaluation was made with."""
+
+    def run(self) -> str:
+        """The table. An object is the grasp's whose collision shape is nearest to the TCP."""
+        from neugrasp.evaluation.failures import aimed_grasps, failures_table
+
+        return failures_table(aimed_grasps(self.evaluation, self.objects))
+
+
+@dataclass(frozen=True)
 class Story:
     """A round of an evaluation as one HTML file: what was seen, what was tried, what came of it."""
 

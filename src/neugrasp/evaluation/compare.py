@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp.errors import InputError
-from neugrasp.evaluation.episode import CRASHED, Episode, read_episode
+from neugrasp.evaluation.episode import Episode
+from neugrasp.evaluation.folder import facts_of, played
 from neugrasp.evaluation.protocols import protocol_of
 from neugrasp.evaluation.scores import RESAMPLES, first_succeeded
 
@@ -26,20 +26,20 @@ def compare(a: Path, b: Path) -> dict[str, Any]:
     The interval is a bootstrap over rounds. p is that of a randomisation test: were A and B alike, their
     results of a round could be swapped. Raises `InputError` where the rounds are not the same.
     """
-    facts = [_facts(folder) for folder in (a, b)]
+    facts = [facts_of(folder) for folder in (a, b)]
     for key in SAME:
         if facts[0].get(key) != facts[1].get(key):
             raise InputError(
                 f"{a} and {b} cannot be compared: {key} is {facts[0].get(key)!r} and {facts[1].get(key)!r}"
             )
-    played = [_played(folder) for folder in (a, b)]
-    common = sorted(set(played[0]) & set(played[1]))
+    rounds = [{episode.index: episode for episode in played(folder)} for folder in (a, b)]
+    common = sorted(set(rounds[0]) & set(rounds[1]))
     if not common:
         raise InputError(f"{a} and {b} have no round in common that both played to an end")
     for index in common:
-        if played[0][index].scene_sha256 != played[1][index].scene_sha256:
+        if rounds[0][index].scene_sha256 != rounds[1][index].scene_sha256:
             raise InputError(f"{a} and {b} cannot be compared: round {index} began with another scene")
-    first, second = ([episodes[index] for index in common] for episodes in played)
+    first, second = ([episodes[index] for index in common] for episodes in rounds)
     silent = protocol_of(facts[0]["protocol"]).count_silent_rounds
     return {
         "rounds": len(common),
@@ -47,21 +47,6 @@ def compare(a: Path, b: Path) -> dict[str, Any]:
         "FSR": _compared(_firsts(first), _firsts(second)),
         "DR": _compared(_objects(first, silent), _objects(second, silent)),
     }
-
-
-def _facts(folder: Path) -> dict[str, Any]:
-    try:
-        facts: dict[str, Any] = json.loads((folder / "run.json").read_text())
-    except OSError as error:
-        raise InputError(f"{folder}: no evaluation ({error.strerror}: run.json)") from error
-    except json.JSONDecodeError as error:
-        raise InputError(f"{folder / 'run.json'}: not valid JSON ({error})") from error
-    return facts
-
-
-def _played(folder: Path) -> dict[int, Episode]:
-    episodes = [read_episode(path) for path in sorted((folder / "rounds").glob("*.json"))]
-    return {episode.index: episode for episode in episodes if episode.ending != CRASHED}
 
 
 def _grasps(episodes: list[Episode]) -> Counts:

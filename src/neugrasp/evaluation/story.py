@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from PIL import Image as Picture
 
-from neugrasp.errors import InputError
 from neugrasp.evaluation.cells import background_folder
 from neugrasp.evaluation.commands import Story
 from neugrasp.evaluation.episode import Attempt, Episode, read_episode
+from neugrasp.evaluation.folder import facts_of, library_of
 from neugrasp.evaluation.rounds import Round, Rounds
 from neugrasp.geometry.pose import from_quaternion
 from neugrasp.geometry.workspace import Workspace
@@ -48,16 +48,15 @@ def write_story(story: Story, photographer: Photographer | None = None) -> Path:
 
     Raises `InputError` where the evaluation, the round or its objects cannot be found.
     """
-    facts = _facts(story.evaluation)
+    facts = facts_of(story.evaluation)
     episode = read_episode(story.evaluation / "rounds" / f"{story.round:06d}.json")
     out = story.out or story.evaluation / "stories" / f"{story.round:06d}.html"
-    if "folder" in facts["object_sets"] and story.objects is None:
-        raise InputError(f"{story.evaluation} was made with a folder of objects: give it as --objects DIR")
+    library = library_of(story.evaluation, story.objects)
     wants_photos = story.photos == "yes" or (story.photos == "auto" and facts["detector"] == "neugrasp")
     with ExitStack() as closing:
         if wants_photos and photographer is None:
             photographer = closing.enter_context(Renderer(settings=_settings(facts)))
-        stage = _Stage(facts, story.objects, photographer if wants_photos else None)
+        stage = _Stage(facts, library, photographer if wants_photos else None)
         closing.enter_context(stage.world)
         fixed = stage.fixed(episode.index)
         pictures = [stage.pictures(fixed, a.before, _grasp(a)) for a in episode.attempts]
@@ -72,21 +71,13 @@ def _settings(facts: dict[str, Any]) -> RenderSettings:
     return RenderSettings(samples=facts.get("samples", RenderSettings.samples))
 
 
-def _facts(folder: Path) -> dict[str, Any]:
-    try:
-        facts: dict[str, Any] = json.loads((folder / "run.json").read_text())
-    except (OSError, json.JSONDecodeError) as error:
-        raise InputError(f"{folder}: no evaluation (run.json: {error})") from error
-    return facts
-
-
 class _Stage:
     """The world of an evaluation, into which its moments are laid again."""
 
-    def __init__(self, facts: dict[str, Any], objects: Path | None, photographer: Photographer | None):
+    def __init__(self, facts: dict[str, Any], library: ObjectLibrary, photographer: Photographer | None):
         self.gripper = Gripper.load(facts["gripper"])
         self._photographer = photographer
-        self._library = ObjectLibrary.open(facts["object_sets"], objects)
+        self._library = library
         self.world = World(Workspace(), self._library, self.gripper)
         self._rounds = Rounds.of_facts(facts, self._library)
         self._settings = _settings(facts)

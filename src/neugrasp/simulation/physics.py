@@ -187,6 +187,15 @@ class World:
         touched = [] if self._hand is None else self._hand.touched()
         return next((numbers[uid] for uid in touched if uid in numbers), None)
 
+    def nearest(self, point: Array) -> int | None:
+        """The number of the body whose collision shape is nearest to a point (3,), workspace frame, metres;
+        None where there are no bodies."""
+        ask, far = self._client.getClosestPoints, 10 * self.workspace.size
+        ball = self._client.createCollisionShape(self._client.GEOM_SPHERE, radius=1e-4)
+        place = {"collisionShapeB": ball, "collisionShapePositionB": list(point)}
+        distances = [min(pair[8] for pair in ask(p.uid, -1, far, **place)) for p in self._placed]
+        return int(np.argmin(distances)) if distances else None
+
     def step(self, count: int = 1) -> None:
         """Lets 1/240 s pass, `count` times."""
         for _ in range(count):
