@@ -76,6 +76,27 @@ def test_predict_writes_its_four_files_and_says_where(
     assert str(out / "overlay.png") in printed
 
 
+def test_predict_hands_the_threshold_to_the_detector(
+    scene_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    asked: list[object] = []
+    load = NeuGraspDetector.load
+
+    def loaded(*arguments: str, **options: object) -> object:
+        asked.append(options["threshold"])
+        load(*arguments, **options)  # type: ignore[arg-type]
+        return FlatTable()
+
+    monkeypatch.setattr(NeuGraspDetector, "load", loaded)
+    arguments = ["predict", str(scene_folder), "--out"]
+    assert cli.main([*arguments, str(tmp_path / "a")]) == 0
+    assert cli.main([*arguments, str(tmp_path / "b"), "--threshold", "0.5"]) == 0
+    assert cli.main([*arguments, str(tmp_path / "c"), "--threshold", "1.5"]) == 2
+    assert asked == [None, 0.5, 1.5]
+    assert "threshold 1.5: must lie between 0 and 1" in capsys.readouterr().err
+    assert not (tmp_path / "c").exists()
+
+
 def test_predict_says_why_there_are_no_grasps(
     scene_folder: Path, tmp_path: Path, flat_table: FlatTable, capsys: pytest.CaptureFixture[str]
 ):

@@ -72,11 +72,12 @@ class Predict:
     """A name of bundled weights, or a file."""
     gripper: str = "panda"
     """A name of a bundled gripper, or a file."""
+    threshold: float | None = None
+    """Score from which a grasp is one; by default the one that the weights were judged with."""
     report: bool = False
     """Write report.html, too: the scene to turn, why candidates fell out, the doctor's verdict."""
     hand_check: bool = True
-    """Send grasps as deep as the surface lets the hand, and drop those whose hand would meet it, or close
-    on nothing."""
+    """Send grasps as deep as the surface lets the hand, and drop those that it speaks against."""
     force: bool = False
     """Predict even where the doctor says red."""
 
@@ -88,6 +89,7 @@ class Predict:
             out=self.out,
             weights=self.weights,
             gripper=self.gripper,
+            threshold=self.threshold,
             with_report=self.report,
             hand_check=self.hand_check,
             is_forced=self.force,
@@ -291,9 +293,8 @@ def _summary(name: str, detection: Detection, folder: Path) -> str:
     """A row of the demo's table."""
     from neugrasp.detection.explanation import explain
 
-    seconds = f"{sum(detection.timing_s.values()):.1f}"
-    if not detection.grasps:
+    grasps, seconds = detection.grasps, f"{sum(detection.timing_s.values()):.1f}"
+    if not grasps:
         return ROW.format(name, 0, "-", "-", seconds, folder) + "\n  " + explain(detection)
-    best = detection.grasps[0]
-    width = f"{best.width * 1000:.0f} mm"
-    return ROW.format(name, len(detection.grasps), f"{best.score:.2f}", width, seconds, folder)
+    best = f"{grasps[0].score:.2f}", f"{grasps[0].width * 1000:.0f} mm"
+    return ROW.format(name, len(grasps), *best, seconds, folder)

@@ -17,6 +17,7 @@ from torch import Tensor
 from neugrasp.detection.ask_head import predict_grasps
 from neugrasp.detection.decode import SelectionConfig, select_grasps
 from neugrasp.detection.hand_check import HandCheck
+from neugrasp.errors import InputError
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
 from neugrasp.model.checkpoint import load_checkpoint
@@ -96,11 +97,13 @@ class NeuGraspDetector:
         Without a `threshold`, the one noted with the weights when they were judged, else the paper's. With
         `hand_check`, grasps go as deep as the reconstructed surface lets the hand; those that would meet it,
         or close on nothing, are dropped, and those that hold a rim only, where others hold more.
-        Raises `InputError` where weights or gripper cannot be used.
+        Raises `InputError` where weights, gripper or threshold cannot be used.
         """
         checkpoint = load_checkpoint(weights)
         if threshold is None:
             threshold = float(checkpoint.about.get("threshold", SelectionConfig.threshold))
+        if not 0 <= threshold <= 1:
+            raise InputError(f"threshold {threshold}: must lie between 0 and 1")
         hand = Gripper.load(gripper)
         selection = SelectionConfig(threshold=threshold, hand=HandCheck(hand) if hand_check else None)
         return cls(checkpoint.model(), hand, selection, device)

@@ -32,6 +32,8 @@ class PredictRun:
     """A name of bundled weights, or a file."""
     gripper: str = "panda"
     """A name of a bundled gripper, or a file."""
+    threshold: float | None = None
+    """Score from which grasps are kept; by default what the weights were judged with."""
     with_report: bool = False
     """Whether report.html is written, too."""
     hand_check: bool = True
@@ -49,7 +51,9 @@ def predict(run: PredictRun) -> str:
     views = read_scene(run.scene)
     diagnosis = examine(Capture.of(views))
     _check(run, diagnosis)
-    detector = NeuGraspDetector.load(run.weights, run.gripper, hand_check=run.hand_check)
+    detector = NeuGraspDetector.load(
+        run.weights, run.gripper, threshold=run.threshold, hand_check=run.hand_check
+    )
     detection = detector.detect(views)
     names = ["grasps.json", "surface.ply", "tsdf.npz", "overlay.png"]
     with whole_or_nothing(run.out) as part:
