@@ -1,0 +1,60 @@
+#!/usr/bin/env bash
+# The rows of docs/results.md, each played or finished, then the page itself:
+#
+#   bash benchmarks/rows.sh OBJECTS FOLDER [ROW ...]        all rows, or those named
+#
+# OBJECTS holds the published test objects, FOLDER gets a folder for each row. Rounds that docs/results/rounds has are
+# taken from there, so that only missing ones are played; remove a row's archive to play all of it again. Rows of VGN
+# need VGN=vgn_conv.pth. Two rows at a time: every round alternates between a renderer and one thread of the network.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+objects=$1 folder=$2
+shift 2
+wanted=" $* "
+results=docs/results
+mkdir -p "$folder" "$results/rounds"
+
+play() {
+  local name=$1
+  shift
+  local out=$folder/$name archive=$results/rounds/$name.tar.xz
+  if [ ! -d "$out" ] && [ -f "$archive" ]; then tar -xJf "$archive" -C "$folder"; fi
+  OMP_NUM_THREADS=1 neugrasp evaluate --workers 1 --objects "$objects" --out "$out" "$@" > "$out.log" 2>&1
+  cp "$out/metrics.json" "$results/$name.json"
+  tar -cJf "$archive" -C "$folder" "$name/run.json" "$name/rounds"
+  echo "$name: $(grep -m1 SR "$out.log")"
+}
+
+row() {
+  if [ "$wanted" = "  " ] || [[ $wanted == *" $1 "* ]]; then
+    while [ "$(jobs -pr | wc -l)" -ge 2 ]; do wait -n; done
+    play "$@" &
+  fi
+}
+
+photos=(--strategy random --samples 1)
+for scene in packed pile; do
+  row neugrasp_${scene}_transparent-specular --scene $scene "${photos[@]}"
+  row neugrasp_${scene}_diffuse --scene $scene --materials diffuse --rounds 100 "${photos[@]}"
+  row neugrasp_${scene}_transparent-specular_top --scene $scene --strategy top --rounds 100 --samples 1
+  row oracle_neugrasp_$scene --scene $scene --detector oracle --strategy random
+  row antipodal_$scene --scene $scene --detector antipodal
+done
+row neugrasp_single_transparent-specular --scene single "${photos[@]}"
+row neugrasp_packed_transparent-specular_paper --views paper "${photos[@]}"
+# Photos with less noise, in fewer rounds: what one sample a pixel costs.
+row neugrasp_packed_transparent-specular_4samples --rounds 50 --strategy random
+row neugrasp_pile_transparent-specular_4samples --scene pile --rounds 50 --strategy random
+
+if [ -n "${VGN:-}" ]; then
+  for scene in packed pile; do
+    row oracle_vgn_$scene --scene $scene --detector oracle --weights "$VGN"
+    row vgn_$scene --scene $scene --detector vgn --weights "$VGN" --views hemisphere6 --protocol vgn --strategy random
+    for materials in transparent-specular diffuse; do
+      row vgn_stereo_${scene}_$materials --scene $scene --materials $materials --rounds 40 --detector vgn --weights "$VGN" \
+        --depth stereo
+    done
+  done
+fi
+while [ -n "$(jobs -pr)" ]; do wait -n; done
+neugrasp results
