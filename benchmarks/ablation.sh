@@ -16,11 +16,7 @@ data=("$folder/data/packed" "$folder/data/pile")
 export OMP_NUM_THREADS=1
 mkdir -p "$folder" $results
 
-two_at_a_time() {
-  while [ "$(jobs -pr | wc -l)" -ge 2 ]; do wait -n; done
-  "$@" &
-}
-finish() { while [ -n "$(jobs -pr)" ]; do wait -n; done; }
+. benchmarks/two_at_a_time.sh
 
 # train NAME RECIPE STEPS [OPTION ...]
 train() {

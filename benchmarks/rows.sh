@@ -13,6 +13,7 @@ shift 2
 wanted=" $* "
 results=docs/results
 mkdir -p "$folder" "$results/rounds"
+. benchmarks/two_at_a_time.sh
 
 play() {
   local name=$1
@@ -27,8 +28,7 @@ play() {
 
 row() {
   if [ "$wanted" = "  " ] || [[ $wanted == *" $1 "* ]]; then
-    while [ "$(jobs -pr | wc -l)" -ge 2 ]; do wait -n; done
-    play "$@" &
+    two_at_a_time play "$@"
   fi
 }
 
@@ -56,5 +56,5 @@ if [ -n "${VGN:-}" ]; then
     done
   done
 fi
-while [ -n "$(jobs -pr)" ]; do wait -n; done
+finish
 neugrasp results

@@ -77,6 +77,8 @@ def test_what_fails_most_stands_first_and_what_never_fails_in_one_line():
 def test_what_is_missing_is_named(tmp_path: Path):
     with pytest.raises(InputError, match=r"no evaluation .*run\.json"):
         aimed_grasps(tmp_path)
+    with pytest.raises(InputError, match=r"no evaluation .*names no object sets"):
+        aimed_grasps(evaluation(tmp_path / "another command's", sets=()))
     with pytest.raises(InputError, match="--objects DIR"):
         aimed_grasps(evaluation(tmp_path / "folder", sets=("folder",)))
     with pytest.raises(InputError, match="round 3 does not say what lay on the table"):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -12,11 +11,10 @@ import numpy as np
 
 from neugrasp.errors import InputError
 from neugrasp.evaluation.episode import Attempt
-from neugrasp.evaluation.folder import library_of, played
+from neugrasp.evaluation.folder import library_of, played, scene_of
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.robot.pick import REASONS, SUCCESS
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.scene import scene_from_json
 
 
 @dataclass(frozen=True)
@@ -46,7 +44,7 @@ def _aimed(world: World, attempt: Attempt, evaluation: Path) -> Aimed:
             f"{evaluation}: round {attempt.round} does not say what lay on the table; play it again with "
             "this version"
         )
-    scene = scene_from_json(json.dumps({"format": "neugrasp-world", "version": 1, **attempt.before}))
+    scene = scene_of(attempt.before)
     world.reset(scene)
     nearest = world.nearest(np.array(attempt.position))
     if nearest is None:

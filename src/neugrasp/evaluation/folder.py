@@ -9,6 +9,7 @@ from typing import Any
 from neugrasp.errors import InputError
 from neugrasp.evaluation.episode import CRASHED, Episode, read_episode
 from neugrasp.simulation.objects import ObjectLibrary
+from neugrasp.simulation.scene import Scene, scene_from_json
 
 
 def facts_of(folder: Path) -> dict[str, Any]:
@@ -31,8 +32,15 @@ def played(folder: Path) -> list[Episode]:
 
 def library_of(folder: Path, objects: Path | None) -> ObjectLibrary:
     """The objects that it was played with. Raises `InputError` where they came from a folder and none is
-    given."""
-    sets = facts_of(folder)["object_sets"]
+    given, or run.json is another command's."""
+    sets = facts_of(folder).get("object_sets")
+    if not sets:
+        raise InputError(f"{folder}: no evaluation (run.json: names no object sets)")
     if "folder" in sets and objects is None:
         raise InputError(f"{folder} was made with a folder of objects: give it as --objects DIR")
     return ObjectLibrary.open(sets, objects)
+
+
+def scene_of(lying: dict[str, Any]) -> Scene:
+    """What lay on the table at a moment of a round (`Attempt.before`, `Episode.left`)."""
+    return scene_from_json(json.dumps({"format": "neugrasp-world", "version": 1, **lying}))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import html
 import io
-import json
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -17,7 +16,7 @@ from PIL import Image as Picture
 from neugrasp.evaluation.cells import background_folder
 from neugrasp.evaluation.commands import Story
 from neugrasp.evaluation.episode import Attempt, Episode, read_episode
-from neugrasp.evaluation.folder import facts_of, library_of
+from neugrasp.evaluation.folder import facts_of, library_of, scene_of
 from neugrasp.evaluation.rounds import Round, Rounds
 from neugrasp.geometry.pose import from_quaternion
 from neugrasp.geometry.workspace import Workspace
@@ -29,7 +28,7 @@ from neugrasp.simulation.cell_photos import Photographer, backgrounds
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.renderer import Renderer, RenderSettings
-from neugrasp.simulation.scene import Scene, scene_from_json
+from neugrasp.simulation.scene import Scene
 from neugrasp.views import Image, View
 
 WIDTH = 300
@@ -90,7 +89,7 @@ class _Stage:
         """What lay on the table at a moment, from every view, with the chosen grasp; none where none lay."""
         if lying is None or not lying["bodies"]:
             return []
-        scene = scene_from_json(json.dumps({"format": "neugrasp-world", "version": 1, **lying}))
+        scene = scene_of(lying)
         self.world.reset(scene)
         views = self._photos(fixed, scene) if self._photographer else self._shapes(fixed)
         return [draw_grasps(view, [grasp] if grasp else [], self.gripper, WIDTH) for view in views]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +9,13 @@ import numpy as np
 
 from neugrasp.errors import InputError
 from neugrasp.evaluation.episode import Attempt, Episode, read_episode
+from neugrasp.evaluation.folder import facts_of, library_of, scene_of
 from neugrasp.evaluation.rounds import Rounds
-from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import from_quaternion
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
-from neugrasp.simulation.objects import ObjectLibrary
-from neugrasp.simulation.scene import Scene, scene_from_json
+from neugrasp.simulation.scene import Scene
 from neugrasp.viewer.bodies import COLOURS, Identity, identity, solids_of
 from neugrasp.viewer.contents import Candidate, Colour, Contents, Moment, Solid
 from neugrasp.viewer.reading import Choices
@@ -31,12 +29,11 @@ def round_contents(evaluation: Path, number: int, choices: Choices) -> Contents:
     """Round `number` of what `neugrasp evaluate` wrote. Raises `InputError` where it is not there."""
     facts = _facts(evaluation)
     episode = read_episode(evaluation / "rounds" / f"{number:06d}.json")
-    if "folder" in facts["object_sets"] and choices.objects is None:
-        raise InputError(f"{evaluation} was made with a folder of objects: give it as --objects DIR")
+    library = library_of(evaluation, choices.objects)
     workspace = Workspace()
     views = tuple(
         View(NO_PHOTO, NO_PHOTO, camera, f"camera {i}")
-        for i, camera in enumerate(_cameras(facts, number, choices.objects, workspace))
+        for i, camera in enumerate(Rounds.of_facts(facts, library).sensors(number, workspace))
     )
     return Contents(
         title=f"{evaluation.resolve().name}, round {number}",
@@ -61,19 +58,12 @@ def moments_of(episode: Episode, objects: Path | None) -> tuple[Moment, ...]:
 
 
 def _facts(folder: Path) -> dict[str, Any]:
+    facts = facts_of(folder)
     try:
-        facts: dict[str, Any] = json.loads((folder / "run.json").read_text())
         _ = facts["object_sets"], facts["scene"], facts["seed"], facts["views"], facts["gripper"]
-    except (OSError, KeyError, TypeError, json.JSONDecodeError) as error:
+    except (KeyError, TypeError) as error:
         raise InputError(f"{folder}: no evaluation (run.json: {error!r})") from error
     return facts
-
-
-def _cameras(
-    facts: dict[str, Any], number: int, objects: Path | None, workspace: Workspace
-) -> tuple[Camera, ...]:
-    library = ObjectLibrary.open(facts["object_sets"], objects)
-    return Rounds.of_facts(facts, library).sensors(number, workspace)
 
 
 def _colours(episode: Episode) -> dict[Identity, Colour]:
@@ -86,7 +76,7 @@ def _colours(episode: Episode) -> dict[Identity, Colour]:
 def _scene(lying: dict[str, Any] | None) -> Scene | None:
     if lying is None or not lying["bodies"]:
         return None
-    return scene_from_json(json.dumps({"format": "neugrasp-world", "version": 1, **lying}))
+    return scene_of(lying)
 
 
 def _lying(
