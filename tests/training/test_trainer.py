@@ -130,6 +130,17 @@ def test_the_compiled_layer_is_used_where_it_is_asked_for(data, tmp_path, monkey
     assert losses_of(tmp_path / "compiled") == losses_of(tmp_path / "plain")
 
 
+def test_bfloat16_is_left_where_the_processor_is_slow_at_it(data, tmp_path, monkeypatch):
+    monkeypatch.setitem(RECIPES, "reduced", lambda: replace(recipe("tiny"), bfloat16=True))
+    run = TrainRun(recipe="tiny", data=(data,), out=tmp_path / "tiny", steps=2)
+    train(run)
+    for capability in ("AVX2", "AVX512"):
+        monkeypatch.setattr("torch.backends.cpu.get_cpu_capability", lambda capability=capability: capability)
+        train(replace(run, recipe="reduced", out=tmp_path / capability))
+    assert losses_of(tmp_path / "AVX2") == losses_of(tmp_path / "tiny")
+    assert losses_of(tmp_path / "AVX512") != losses_of(tmp_path / "tiny")
+
+
 def test_an_earlier_run_is_not_overwritten(data, tmp_path):
     run = TrainRun(recipe="tiny", data=(data,), out=tmp_path / "out", steps=2)
     train(run)

@@ -31,6 +31,7 @@ from neugrasp.bench.subjects import (
     training_sample,
 )
 from neugrasp.bench.training_stages import ProductTrainer, Trainee, TrainingStep
+from neugrasp.training.step import bfloat16_pays
 
 WARM_UP = {"cpu": 0, "cuda": 3}
 """Passes that do not count, besides the one in which operations are counted."""
@@ -145,8 +146,10 @@ def _inference(settings: SpeedTest, device: torch.device) -> Inference:
 def _training(settings: SpeedTest, device: torch.device) -> Training:
     model = shaped_detector(settings.network, settings.seed, device).model
     config = shaped_training(settings.network, model)
-    if settings.precision != "own":
-        config = replace(config, bfloat16=settings.precision == "bfloat16")
+    own = config.bfloat16 and bfloat16_pays(device)
+    config = replace(
+        config, bfloat16=own if settings.precision == "own" else settings.precision == "bfloat16"
+    )
     sample = training_sample(bundled_views(settings.views), config.model.image_size, settings.seed).to(device)
     trainees: list[Trainee] = [ProductTrainer(model, config)]
     if settings.reference:

@@ -62,7 +62,8 @@ class TrainConfig:
     """Probability that a step sees fewer views than the record has."""
     gradient_clip: float = 1.0
     bfloat16: bool = False
-    """Whether products and convolutions run in bfloat16; weights and moments stay float32."""
+    """Whether products and convolutions run in bfloat16 where that is faster; weights and moments stay
+    float32."""
     seed: int = 0
     checkpoint_every: int = 100
     validate_every: int = 2000

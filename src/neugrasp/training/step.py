@@ -26,6 +26,12 @@ CELL = 8
 """Pixels along a cell: what lies 8 to 16 pixels from an object still bounds its outline."""
 
 
+def bfloat16_pays(device: torch.device) -> bool:
+    """Whether products in bfloat16 are faster than in float32: a processor without AVX-512 takes seven times
+    as long for a step in it (docs/training_log.md, "Arithmetic")."""
+    return device.type != "cpu" or torch.backends.cpu.get_cpu_capability() == "AVX512"
+
+
 def total(losses: Losses, config: TrainConfig) -> Tensor:
     """The weighted sum of the terms."""
     weights = config.weights

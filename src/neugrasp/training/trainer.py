@@ -25,7 +25,7 @@ from neugrasp.training.progress_picture import save_progress_picture
 from neugrasp.training.recipes import recipe
 from neugrasp.training.samples import Sample, Truth
 from neugrasp.training.state import Learner, load_state, save_state
-from neugrasp.training.step import head_loss, joint_losses, total
+from neugrasp.training.step import bfloat16_pays, head_loss, joint_losses, total
 from neugrasp.training.validation import validate, validate_head
 
 log = logging.getLogger(__name__)
@@ -193,7 +193,8 @@ def _step(learner: Learner, data: TrainingSet, config: TrainConfig, step: int) -
     for group in learner.optimizer.param_groups:
         group["lr"] = config.learning_rate_at(step)
     device = next(model.parameters()).device
-    with torch.autocast(device.type, torch.bfloat16, enabled=config.bfloat16):
+    reduced = config.bfloat16 and bfloat16_pays(device)
+    with torch.autocast(device.type, torch.bfloat16, enabled=reduced):
         if step < config.head_steps:
             losses = {"grasp": head_loss(model, _truths(data, config, step), generator)}
         else:
