@@ -141,6 +141,7 @@ def test_the_page_of_results_has_a_row_and_an_origin_for_every_file(tmp_path: Pa
         ({"depth": "stereo", "protocol": "vgn"}, ""),
         ({"detector": "neugrasp", "depth": None, "scene": "pile"}, "65.3 / 64.5 / 43.2 / 0.171"),
         ({"detector": "neugrasp", "depth": None, "scene": "pile", "strategy": "highest"}, ""),
+        ({"detector": "neugrasp", "depth": None, "scene": "pile", "trained": {"recipe": "tsdf"}}, ""),
     ],
 )
 def test_the_papers_figures_stand_beside_rows_of_their_kind(

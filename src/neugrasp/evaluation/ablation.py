@@ -10,12 +10,14 @@ from neugrasp.evaluation.tables import l1_cell, rate_cell
 Metrics = dict[str, Any]
 
 FULL = "small"
+CONTROL = "tsdf"
+"""The recipe that is taught the true surface."""
 NAMES = {
     "without-attention": "without the gate of Eq. 7 (f_attn)",
     "without-occupancy": "without the occupancy prior (V_occ)",
     "without-backgrounds": "without backgrounds",
     FULL: "full",
-    "tsdf": "full, taught the true TSDF instead",
+    CONTROL: "full, taught the true TSDF instead",
 }
 SCENES = ("pile", "packed")
 FIGURES = ("SR", "FSR", "DR", "L1")

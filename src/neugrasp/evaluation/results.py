@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from neugrasp.errors import InputError
-from neugrasp.evaluation.ablation import ablation_table, scenes_table
+from neugrasp.evaluation.ablation import CONTROL, ablation_table, scenes_table
 from neugrasp.evaluation.tables import l1_cell, rate_cell
 from neugrasp.simulation.renderer import RenderSettings
 
@@ -152,9 +152,11 @@ def _constants(row: dict[str, Any]) -> str:
 
 
 def _paper(row: dict[str, Any]) -> str:
-    is_alike = row["protocol"] == "paper" and row["views"] == "released" and row["depth"] in (None, "stereo")
+    rules = (row["protocol"], row["views"], row.get("split", "test"))
+    is_alike = rules == ("paper", "released", "test") and row["depth"] in (None, "stereo")
+    knows_no_geometry = row.get("trained", {}).get("recipe") != CONTROL
     key = (row["detector"], row["scene"], row["materials"], row["strategy"])
-    return PAPER.get(key, "") if is_alike and row.get("split", "test") == "test" else ""
+    return PAPER.get(key, "") if is_alike and knows_no_geometry else ""
 
 
 def _failures(rows: dict[str, dict[str, Any]]) -> Iterator[str]:
