@@ -16,7 +16,8 @@ from neugrasp.simulation.scene import Body, Scene
 
 
 class Toys:
-    """Makes "box X Y Z" and "ball R", metres; a fifth word moves a box in its mesh frame along x."""
+    """Makes "box X Y Z" and "ball R", metres; a fifth and a sixth word move a box in its mesh frame, along x
+    and z."""
 
     def __init__(self, folder: Path):
         self.folder = folder
@@ -25,13 +26,14 @@ class Toys:
         kind, *sizes = name.split()
         numbers = [float(size) for size in sizes]
         if kind == "ball":
-            mesh, offset = trimesh.creation.icosphere(4, numbers[0]), 0.0
+            mesh, offset = trimesh.creation.icosphere(4, numbers[0]), (0.0, 0.0, 0.0)
         else:
-            mesh, offset = trimesh.creation.box(numbers[:3]), sum(numbers[3:])
-        mesh.vertices += (offset, 0, 0)
+            x, z = [*numbers[3:], 0.0, 0.0][:2]
+            mesh, offset = trimesh.creation.box(numbers[:3]), (x, 0.0, z)
+        mesh.vertices += offset
         path = self.folder / f"{name.replace(' ', '_')}.obj"
         mesh.export(path, include_normals=False)
-        return ObjectModel(name, path, (path,), mass=0.1, centre_of_mass=(offset, 0.0, 0.0))
+        return ObjectModel(name, path, (path,), mass=0.1, centre_of_mass=offset)
 
 
 @pytest.fixture(scope="module")

@@ -51,6 +51,15 @@ def test_a_single_object_stands_in_the_middle(world: World) -> None:
     np.testing.assert_allclose(body.position[:2], (0.15, 0.15), atol=2e-3)
 
 
+@pytest.mark.parametrize("kind", ["packed", "single"])
+@pytest.mark.parametrize("middle", [-0.03, 0.03])
+def test_objects_stand_wherever_their_mesh_has_its_origin(world: World, kind: str, middle: float) -> None:
+    scene = arrange(kind, 3, world, [("toys", f"box 0.04 0.04 0.05 0 {middle}")], num_objects=1)
+    (body,) = scene.bodies
+    assert from_quaternion(body.quaternion_xyzw)[2, 2] > 0.999
+    assert body.position[2] + middle * body.scale == pytest.approx(0.05 + 0.025 * body.scale, abs=1.5e-3)
+
+
 def test_training_scenes_have_one_object_and_four_more_on_average(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -200,7 +200,7 @@ def test_things_put_on_the_table_stay_where_they_are(name: str) -> None:
     library = ObjectLibrary.open(["glassware"])
     with World(Workspace(), library) as world:
         world.add(Body("glassware", name, 0.9, (0.15, 0.15, 0.2), (0.0, 0.0, 0.0, 1.0)))
-        z = 0.05 + world.height(0) / 2 + 0.001
+        z = 0.2 + 0.05 - world.bottom(0) + 0.001
         world.place(0, Body("glassware", name, 0.9, (0.15, 0.15, z), (0.0, 0.0, 0.0, 1.0)))
         world.settle()
         (body,) = world.bodies()

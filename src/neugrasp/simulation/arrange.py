@@ -20,6 +20,8 @@ MEAN_EXTRA_OBJECTS = 4
 MAX_ATTEMPTS = 12
 """Tries to add an object to a packed scene."""
 DROP_HEIGHT = 0.2
+ABOVE = 1.0
+"""Metres: where an object meets nothing."""
 CLEARANCE = 0.002
 """Metres between the table and an object that is put down."""
 
@@ -75,10 +77,11 @@ def _stand(
     angle, scale = rng.uniform(0, 2 * np.pi), float(rng.uniform(0.7, 0.9))
     quaternion = Rotation.from_rotvec([0, 0, angle]).as_quat()
     before = world.save()
-    body = Body(*choice, scale, (*place, 1.0), _four(quaternion))
+    body = Body(*choice, scale, (*place, ABOVE), _four(quaternion))
     index = world.add(body)
-    z = world.workspace.table_height + world.height(index) / 2 + CLEARANCE
-    world.place(index, replace(body, position=(*place, z)))
+    # From its lowest point: the origin of a mesh need not be in its middle.
+    lowered = world.bottom(index) - world.workspace.table_height - CLEARANCE
+    world.place(index, replace(body, position=(*place, ABOVE - lowered)))
     world.step()
     if world.touches(index):
         world.remove(index)

@@ -172,10 +172,10 @@ class World:
             position = tuple((np.array(position) - offset).tolist())
         return replace(placed.body, position=tuple(position), quaternion_xyzw=tuple(quaternion))
 
-    def height(self, index: int) -> float:
-        """Vertical size of a body's bounding box, metres."""
-        low, high = self._client.getAABB(self._placed[index].uid)
-        return float(high[2] - low[2])
+    def bottom(self, index: int) -> float:
+        """How low a body's bounding box reaches, metres."""
+        low, _ = self._client.getAABB(self._placed[index].uid)
+        return float(low[2])
 
     def touches(self, index: int) -> bool:
         """Whether a body touched anything when collisions were last computed."""
