@@ -1,0 +1,30 @@
+"""Trained weights as they are shipped: float16, with the threshold of scores that they are used with.
+
+python benchmarks/ship_weights.py RUN/weights.safetensors NAME.safetensors --threshold 0.85
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from neugrasp.model.checkpoint import load_checkpoint, save_checkpoint
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Writes trained weights as they are shipped.")
+    parser.add_argument("trained", type=Path, help="what `neugrasp train` wrote")
+    parser.add_argument("shipped", type=Path, help="the file to write")
+    parser.add_argument("--threshold", type=float, required=True, help="of scores, 0 to 1")
+    options = parser.parse_args()
+    if not 0 <= options.threshold <= 1:
+        parser.error(f"--threshold {options.threshold}: must be from 0 to 1")
+    trained = load_checkpoint(options.trained)
+    about = {**trained.about, "threshold": options.threshold}
+    save_checkpoint(options.shipped, trained.model(), about, half=True)
+    sys.stdout.write(f"{options.shipped}: {options.shipped.stat().st_size / 1e6:.1f} MB, {about}\n")
+
+
+if __name__ == "__main__":
+    main()
