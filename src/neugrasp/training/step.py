@@ -27,8 +27,8 @@ CELL = 8
 
 
 def bfloat16_pays(device: torch.device) -> bool:
-    """Whether products in bfloat16 are faster than in float32: a processor without AVX-512 takes seven times
-    as long for a step in it (docs/training_log.md, "Arithmetic")."""
+    """Whether products in bfloat16 are faster than in float32: a processor without AVX-512 takes four to
+    five times as long for a step in it (docs/training_log.md, "Arithmetic")."""
     return device.type != "cpu" or torch.backends.cpu.get_cpu_capability() == "AVX512"
 
 
