@@ -23,7 +23,7 @@ play() {
   OMP_NUM_THREADS=1 neugrasp evaluate --workers 1 --objects "$objects" --out "$out" "$@" > "$out.log" 2>&1
   cp "$out/metrics.json" "$results/$name.json"
   tar -cJf "$archive" -C "$folder" "$name/run.json" "$name/rounds"
-  echo "$name: $(grep -m1 SR "$out.log")"
+  echo "$name: $(grep "^SR " "$out.log")"
 }
 
 row() {
