@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import neugrasp.training  # noqa: F401  (before anything computes: it chooses kernels that are safe to train with)
 from neugrasp.data.records import Record
 from neugrasp.data.scene_folder import write_scene
 from neugrasp.geometry.camera import Camera

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import pytest
 import torch
+from torch import nn
 from torch.testing import assert_close
 
-from neugrasp.model.features import ChangeFeatures, ResidualAttention
+from neugrasp.model.features import ChangeFeatures, ResidualAttention, StridedPointwise
 
 
 @torch.no_grad()
@@ -28,3 +30,20 @@ def test_where_nothing_changed_the_gate_starts_at_one_value() -> None:
     expected = residual.out(residual.value(residual.key(features)) * gate)
     assert_close(residual(features, features), expected)
     assert (residual(features, torch.zeros_like(features)) - expected).abs().mean() > 0.01
+
+
+@pytest.mark.parametrize("size", [(16, 12), (15, 13)])
+@pytest.mark.parametrize("step", [1, 2])
+def test_picking_pixels_before_a_pointwise_convolution_is_a_stride(size: tuple[int, int], step: int) -> None:
+    picked = StridedPointwise(4, 6, step)
+    strided = nn.Conv2d(4, 6, 1, step, bias=False)
+    strided.load_state_dict(picked.state_dict())
+    weights = torch.randn(1, 6, 16, 16)
+    grads = []
+    for convolution in (picked, strided):
+        x = torch.linspace(-1, 1, 2 * 4 * size[0] * size[1]).reshape(2, 4, *size).requires_grad_()
+        out = convolution(x)
+        (out * weights[..., : out.shape[-2], : out.shape[-1]]).sum().backward()
+        grads.append((out, x.grad, convolution.weight.grad))
+    for mine, theirs in zip(*grads, strict=True):
+        assert_close(mine, theirs)
