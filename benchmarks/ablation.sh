@@ -14,7 +14,7 @@ scenes=${SCENES:-960} head=${HEAD:-1500} steps=${STEPS:-800} rounds=${ROUNDS:-60
 results=docs/results/ablation
 data=("$folder/data/packed" "$folder/data/pile")
 export OMP_NUM_THREADS=1
-mkdir -p "$folder" $results
+mkdir -p "$folder" $results/rounds
 
 . benchmarks/two_at_a_time.sh
 
@@ -31,6 +31,7 @@ play() {
   neugrasp evaluate --scene "$2" --strategy random --rounds "$rounds" --samples 1 --threshold "$threshold" --workers 1 \
     --weights "$folder/runs/$1/weights.safetensors" --objects "$objects" --out "$out" > "$out.log" 2>&1
   cp "$out/metrics.json" "$results/$1_$2.json"
+  tar -cJf "$results/rounds/$1_$2.tar.xz" -C "$folder/rounds" "$1_$2/run.json" "$1_$2/rounds"
 }
 
 for scene in packed pile; do
