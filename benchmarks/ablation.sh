@@ -6,11 +6,13 @@
 #
 # OBJECTS holds the published objects. FOLDER gets data, runs and rounds; killed, it goes on where it was. The budget of
 # a model is SCENES (half packed, half pile), HEAD steps of the head on true grids, STEPS of the whole, ROUNDS of
-# each kind of scene with grasps from THRESHOLD on.
+# each kind of scene with grasps from THRESHOLD on. A ninth and a third of the scenes, and for LONG steps a ninth and
+# all of them, tell what more scenes are worth.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 objects=$1 folder=$2
-scenes=${SCENES:-960} head=${HEAD:-1500} steps=${STEPS:-800} rounds=${ROUNDS:-60} threshold=${THRESHOLD:-0.8}
+scenes=${SCENES:-960} head=${HEAD:-1500} steps=${STEPS:-800} long=${LONG:-2400} rounds=${ROUNDS:-60}
+threshold=${THRESHOLD:-0.8}
 results=docs/results/ablation
 data=("$folder/data/packed" "$folder/data/pile")
 export OMP_NUM_THREADS=1
@@ -51,10 +53,13 @@ done
 for count in "${few[@]}"; do
   two_at_a_time train "small-$count" small "$steps" --init "$folder/runs/head-$count/weights.safetensors" --scenes "$count"
 done
+two_at_a_time train "small-${few[0]}-$long" small "$long" --init "$folder/runs/head-${few[0]}/weights.safetensors" \
+  --scenes "${few[0]}"
+two_at_a_time train "small-$long" small "$long" --init "$folder/runs/head/weights.safetensors"
 finish
 
 mkdir -p "$folder/rounds"
-for model in "${models[@]}" "${few[@]/#/small-}"; do
+for model in "${models[@]}" "${few[@]/#/small-}" "small-${few[0]}-$long" "small-$long"; do
   for scene in packed pile; do two_at_a_time play "$model" $scene; done
 done
 finish

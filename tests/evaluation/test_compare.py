@@ -201,21 +201,29 @@ def test_ablations_have_a_table_of_their_own_beside_the_papers(tmp_path: Path):
 def test_the_full_model_is_compared_by_the_number_of_its_scenes(tmp_path: Path):
     (tmp_path / "row.json").write_text(json.dumps(metrics([played(0, "+")])))
     (tmp_path / "ablation").mkdir()
-    for scenes, recipe, course in ((1000, "small", "+"), (300, "small", "+-"), (1000, "tsdf", "+")):
-        trained = {"recipe": recipe, "steps": 50, "scenes": scenes}
+    for steps, scenes, recipe, course in (
+        (50, 1000, "small", "+"),
+        (150, 1000, "small", "+++-"),
+        (50, 300, "small", "+-"),
+        (50, 1000, "tsdf", "+"),
+    ):
+        trained = {"recipe": recipe, "steps": steps, "scenes": scenes}
         row = metrics([played(0, course)], detector="neugrasp", trained=trained)
-        (tmp_path / "ablation" / f"{recipe}_{scenes}.json").write_text(json.dumps(row))
+        (tmp_path / "ablation" / f"{recipe}_{steps}_{scenes}.json").write_text(json.dumps(row))
     page = write_results(tmp_path, tmp_path / "results.md").read_text()
     ablation, curve = page[page.index("## Ablation") :].split("What more scenes are worth")
     assert "| full | 50, 1000 |" in ablation
-    assert "| 50, 300 |" not in ablation
+    assert "| full | 50, 300 |" not in ablation
+    assert "| full | 150, 1000 |" not in ablation, "the control had no such budget"
     cells = [line.split(" | ") for line in curve.splitlines() if line.startswith("| ")][1:]
     assert [(cell[0], cell[1], cell[6].split(" ")[0]) for cell in cells] == [
-        ("| 300", "50", "50.0"),
-        ("| 1000", "50", "100.0"),
+        ("| 50", "300", "50.0"),
+        ("| 50", "1000", "100.0"),
+        ("| 150", "1000", "75.0"),
     ]
 
-    (tmp_path / "ablation" / "small_300.json").unlink()
+    for some in ("50_300", "150_1000"):
+        (tmp_path / "ablation" / f"small_{some}.json").unlink()
     page = write_results(tmp_path, tmp_path / "results.md").read_text()
     assert "What more scenes" not in page
 

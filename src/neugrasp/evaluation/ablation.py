@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
 from neugrasp.evaluation.tables import l1_cell, rate_cell
 
 Metrics = dict[str, Any]
+Budget = tuple[int, int]
+"""Steps of training, and scenes trained on."""
 
 FULL = "small"
 CONTROL = "tsdf"
@@ -37,42 +40,39 @@ PAPER = {
 def ablation_table(rows: dict[str, Metrics]) -> Iterator[str]:
     """A line for each recipe: SR, FSR, DR and L1 of piles and of packed scenes, then the paper's.
 
-    Where a recipe was trained on several numbers of scenes, the largest counts.
+    Of a recipe that was trained several times, the model with the budget that most recipes share stands here,
+    of equally shared budgets the largest.
     """
-    models = {recipe: _by_scenes(rows, recipe) for recipe in NAMES}
-    known = [recipe for recipe in NAMES if models[recipe]]
+    models = {recipe: some for recipe in NAMES if (some := _by_budget(rows, recipe))}
+    shared = Counter(budget for some in models.values() for budget in some)
     yield from _head("model", "steps, scenes")
-    for recipe in known:
-        scenes, some = models[recipe][-1]
-        yield _line(NAMES[recipe], f"{_steps(some)}, {scenes}", some)
-    for recipe in known:
+    for recipe, some in models.items():
+        budget = max(some, key=lambda budget: (shared[budget], budget))
+        yield _line(NAMES[recipe], ", ".join(map(str, budget)), some[budget])
+    for recipe in models:
         if (recipe, SCENES[0]) in PAPER:
             figures = [text for scene in SCENES for text in _published(PAPER[recipe, scene])]
             yield "| " + " | ".join([f"paper: {NAMES[recipe]}", "", *figures, ""]) + " |"
 
 
 def scenes_table(rows: dict[str, Metrics]) -> Iterator[str]:
-    """The full model by the number of scenes that it was trained on; nothing where there is but one."""
-    models = _by_scenes(rows, FULL)
+    """The full model by the steps and scenes of its training; nothing where there is but one."""
+    models = _by_budget(rows, FULL)
     if len(models) < 2:
         return
-    yield from _head("scenes", "steps")
-    for scenes, some in models:
-        yield _line(str(scenes), _steps(some), some)
+    yield from _head("steps", "scenes")
+    for (steps, scenes), some in models.items():
+        yield _line(str(steps), str(scenes), some)
 
 
-def _by_scenes(rows: dict[str, Metrics], recipe: str) -> list[tuple[int, dict[str, Metrics]]]:
-    """The rows of a recipe, pile and packed, by the number of scenes trained on, rising."""
-    models: dict[int, dict[str, Metrics]] = {}
+def _by_budget(rows: dict[str, Metrics], recipe: str) -> dict[Budget, dict[str, Metrics]]:
+    """The rows of a recipe, pile and packed, by the budget of its training, rising."""
+    models: dict[Budget, dict[str, Metrics]] = {}
     for row in rows.values():
         trained = row.get("trained", {})
         if trained.get("recipe") == recipe:
-            models.setdefault(trained.get("scenes", 0), {})[row["scene"]] = row
-    return sorted(models.items())
-
-
-def _steps(model: dict[str, Metrics]) -> str:
-    return str(next(iter(model.values()))["trained"].get("steps", "?"))
+            models.setdefault((trained.get("steps", 0), trained.get("scenes", 0)), {})[row["scene"]] = row
+    return dict(sorted(models.items()))
 
 
 def _head(*names: str) -> Iterator[str]:
