@@ -211,7 +211,7 @@ def test_the_full_model_is_compared_by_the_number_of_its_scenes(tmp_path: Path):
         row = metrics([played(0, course)], detector="neugrasp", trained=trained)
         (tmp_path / "ablation" / f"{recipe}_{steps}_{scenes}.json").write_text(json.dumps(row))
     page = write_results(tmp_path, tmp_path / "results.md").read_text()
-    ablation, curve = page[page.index("## Ablation") :].split("What more scenes are worth")
+    ablation, curve = page[page.index("## Ablation") :].split("What more scenes and steps are worth")
     assert "| full | 50, 1000 |" in ablation
     assert "| full | 50, 300 |" not in ablation
     assert "| full | 150, 1000 |" not in ablation, "the control had no such budget"

@@ -18,7 +18,7 @@ Models that differ in one part, trained alike for the same number of steps, far 
 transparent and specular objects, strategy `random`, the rules of protocol `paper`. The paper's third table
 stands below.
 """
-SCENES = """What more scenes are worth, the full model at equal numbers of steps:
+SCENES = """What more scenes and steps are worth, the full model:
 """
 HEAD = """# Results of the decluttering benchmark
 
