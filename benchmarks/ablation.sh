@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
 # The tables of docs/results.md on models that differ in one thing: a part of the network, the supervision, the number
-# of scenes. From nothing to the page:
+# of scenes or of steps. From nothing to the page:
 #
 #   bash benchmarks/ablation.sh OBJECTS FOLDER
 #
 # OBJECTS holds the published objects. FOLDER gets data, runs and rounds; killed, it goes on where it was. The budget of
 # a model is SCENES (half packed, half pile), HEAD steps of the head on true grids, STEPS of the whole, ROUNDS of
 # each kind of scene with grasps from THRESHOLD on. A ninth and a third of the scenes, and for LONG steps a ninth and
-# all of them, tell what more scenes are worth.
+# all of them, tell what more scenes and steps are worth.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 objects=$1 folder=$2

@@ -1,4 +1,4 @@
-"""Tables of models trained alike but for one thing: a part of the network, or the number of scenes."""
+"""Tables of models trained alike but for one thing: a part of the network, or the budget of training."""
 
 from __future__ import annotations
 
