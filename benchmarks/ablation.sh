@@ -55,11 +55,11 @@ for count in "${few[@]}"; do
 done
 two_at_a_time train "small-${few[0]}-$long" small "$long" --init "$folder/runs/head-${few[0]}/weights.safetensors" \
   --scenes "${few[0]}"
-two_at_a_time train "small-$long" small "$long" --init "$folder/runs/head/weights.safetensors"
+two_at_a_time train "small-$scenes-$long" small "$long" --init "$folder/runs/head/weights.safetensors"
 finish
 
 mkdir -p "$folder/rounds"
-for model in "${models[@]}" "${few[@]/#/small-}" "small-${few[0]}-$long" "small-$long"; do
+for model in "${models[@]}" "${few[@]/#/small-}" "small-${few[0]}-$long" "small-$scenes-$long"; do
   for scene in packed pile; do two_at_a_time play "$model" $scene; done
 done
 finish
