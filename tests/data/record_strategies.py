@@ -23,6 +23,7 @@ def records(draw: st.DrawFn, name: str = "scene-0") -> Record:
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     n, m, size = draw(st.integers(1, 4)), draw(st.integers(1, 3)), draw(st.sampled_from([32, 48]))
     k, bodies = draw(st.integers(0, 5)), draw(st.integers(1, 4))
+    truths = rng.uniform(-1, 1, (2, 40, 40, 40)).astype(np.float16).astype(np.float32)
     depths = rng.integers(0, 2**16, (n, size, size)).astype(np.float32) * np.float32(DEPTH_UNIT)
     return Record(
         name=name,
@@ -36,7 +37,7 @@ def records(draw: st.DrawFn, name: str = "scene-0") -> Record:
         target_cameras=tuple(camera(rng, size) for _ in range(m)),
         depths=depths,
         masks=rng.integers(-1, bodies + 1, (n, size, size)).astype(np.int8),
-        tsdf=rng.uniform(-1, 1, (40, 40, 40)).astype(np.float16).astype(np.float32),
+        tsdf=truths[0],
         observed=rng.random((40, 40, 40)) < 0.7,
         labels=Labels(
             rng.uniform(0, 0.3, (k, 3)).astype(np.float32),
@@ -44,6 +45,7 @@ def records(draw: st.DrawFn, name: str = "scene-0") -> Record:
             rng.uniform(0, 0.08, k).astype(np.float32),
             rng.random(k) < 0.5,
         ),
+        distance=truths[1] if draw(st.booleans()) else None,
     )
 
 
@@ -78,6 +80,9 @@ def assert_same(one: Record, other: Record) -> None:
     assert (one.name, one.scene, dict(one.cell)) == (other.name, other.scene, dict(other.cell))
     for field in ("images", "backgrounds", "targets", "target_backgrounds", "masks", "observed", "tsdf"):
         np.testing.assert_array_equal(getattr(one, field), getattr(other, field), err_msg=field)
+    assert (one.distance is None) == (other.distance is None)
+    if one.distance is not None:
+        np.testing.assert_array_equal(one.distance, other.distance)
     for field in ("points", "quaternions", "widths", "success"):
         np.testing.assert_array_equal(getattr(one.labels, field), getattr(other.labels, field))
     np.testing.assert_allclose(one.depths, other.depths, atol=1e-6)

@@ -6,6 +6,7 @@ import hashlib
 import importlib
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,6 +20,7 @@ import numpy as np
 import pytest
 
 from neugrasp.cli import Generate
+from neugrasp.data.npz import npz_arrays, npz_bytes
 from neugrasp.data.records import read_record
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.simulation import generate as generation
@@ -87,11 +89,31 @@ def test_records_hold_what_was_simulated(undisturbed: Path) -> None:
         assert all(body.object_set == "glassware" for body in record.scene.bodies)
         seen = set(np.unique(record.masks)) - {-1, 0}
         assert seen <= set(range(1, len(record.scene.bodies) + 1))
+        assert record.distance is not None
+        # Glassware is hollow and thin; where the fused grid is well in front of it, the mesh is, too.
+        assert np.all(record.distance[record.observed & (record.tsdf > 0.9)] > 0)
         # The table plane, 5 cm above the floor of the cube, is the surface in most columns.
         table = record.tsdf[:, :, 6]
         assert np.abs(np.median(table)) < 0.3
     assert np.array_equal(records[0].backgrounds, records[1].backgrounds)
     assert not np.array_equal(records[1].backgrounds, records[2].backgrounds)
+
+
+def test_a_data_set_made_without_mesh_distances_is_given_those_it_would_have(
+    undisturbed: Path, tmp_path: Path
+) -> None:
+    old = tmp_path / "old"
+    shutil.copytree(undisturbed, old)
+    for path in old.glob("scenes/*/truth.npz"):
+        arrays = npz_arrays(path.read_bytes(), ("tsdf", "observed", "depth", "masks"), str(path))
+        path.write_bytes(npz_bytes(**arrays))
+    assert digest(old) != digest(undisturbed)
+    program = [sys.executable, HERE.parents[1] / "benchmarks" / "add_distance.py", old, "--sets", "glassware"]
+    for told in ("3 given their mesh distance, 0 had it", "0 given their mesh distance, 3 had it"):
+        done = subprocess.run(program, capture_output=True, text=True, check=True)
+        assert told in done.stdout
+    made = {name: hash for name, hash in digest(old).items() if not name.startswith(".")}
+    assert made == digest(undisturbed)
 
 
 def test_two_workers_give_the_same_bytes(
@@ -275,4 +297,6 @@ def test_an_arrangement_that_fails_is_drawn_anew_and_never_dropped(
 def test_timing_is_told_by_stage(undisturbed: Path) -> None:
     timing = json.loads((undisturbed / "timing.json").read_text())
     assert timing["scenes"] == 3
-    assert {"arrange", "depth", "tsdf", "grasps", "render", "write"} <= set(timing["seconds_per_scene"])
+    assert {"arrange", "depth", "tsdf", "distance", "grasps", "render", "write"} <= set(
+        timing["seconds_per_scene"]
+    )

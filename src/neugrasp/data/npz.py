@@ -20,11 +20,15 @@ def npz_bytes(**arrays: NDArray[Any]) -> bytes:
     return stream.getvalue()
 
 
-def npz_arrays(data: bytes, names: tuple[str, ...], source: str) -> dict[str, NDArray[Any]]:
-    """The named arrays of an npz file. Raises `InputError` naming `source` where it is damaged."""
+def npz_arrays(
+    data: bytes, names: tuple[str, ...], source: str, optional: tuple[str, ...] = ()
+) -> dict[str, NDArray[Any]]:
+    """The named arrays of an npz file, and of the `optional` ones those that it has. Raises `InputError`
+    naming `source` where it is damaged."""
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as loaded:
-            return {name: loaded[name] for name in names}
+            found = [name for name in optional if name in loaded]
+            return {name: loaded[name] for name in (*names, *found)}
     except KeyError as error:
         raise InputError(f"{source}: has no array {error}; it must hold {', '.join(names)}") from error
     except (ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:

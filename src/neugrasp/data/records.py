@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,7 @@ DEPTH_UNIT = 1e-4
 """Metres that one step of a stored depth stands for; 0 is no surface."""
 FILES = ("world.json", "cell.json", "truth.npz", "grasps.npz")
 PHOTO_FILES = ("scene.json", "targets/scene.json")
+_TRUTH = ("tsdf", "observed", "depth", "masks")
 NO_PHOTOS = np.zeros((0, 0, 0, 3), np.uint8)
 
 
@@ -62,10 +63,13 @@ class Record:
     masks: NDArray[np.int8]
     """(n, s, s): -1 nothing, 0 table, i + 1 body i."""
     tsdf: NDArray[np.float32]
-    """(40, 40, 40) indexed [x, y, z], in [-1, 1]; -1 where not observed."""
+    """The fused TSDF (40, 40, 40) indexed [x, y, z], in [-1, 1]; -1 where not observed."""
     observed: NDArray[np.bool_]
     """(40, 40, 40)"""
     labels: Labels
+    distance: NDArray[np.float32] | None = None
+    """The mesh distance (40, 40, 40): Euclidean, in units of the truncation, in [-1, 1], true everywhere.
+    None in records of before it was stored."""
 
     @property
     def has_photos(self) -> bool:
@@ -188,25 +192,28 @@ def check_record(record: Record, source: str) -> None:
         "widths": (record.labels.widths.shape, (k,)),
         "materials": ((len(record.scene.materials),), (len(record.scene.bodies),)),
     }
+    if record.distance is not None:
+        expected["distance"] = (record.distance.shape, (resolution,) * 3)
     for name, (shape, wanted) in expected.items():
         if shape != wanted:
             raise InputError(f"{source}: {name} has shape {shape}; it must be {wanted}")
 
 
 def truth_to_bytes(record: Record) -> bytes:
-    """Grid, depths and masks as a compressed npz."""
+    """Grids, depths and masks as a compressed npz."""
     depth = np.where(np.isfinite(record.depths) & (record.depths > 0), record.depths / DEPTH_UNIT, 0)
     return npz_bytes(
         tsdf=record.tsdf.astype(np.float16),
         observed=np.packbits(record.observed),
         depth=np.clip(np.round(depth), 0, 65535).astype(np.uint16),
         masks=record.masks.astype(np.int8),
+        **({} if record.distance is None else {"distance": record.distance.astype(np.float16)}),
     )
 
 
 def truth_from_bytes(data: bytes, source: str) -> dict[str, Any]:
-    """The fields tsdf, observed, depths and masks of a `Record`."""
-    arrays = npz_arrays(data, ("tsdf", "observed", "depth", "masks"), source)
+    """The fields tsdf, observed, depths, masks and distance of a `Record`."""
+    arrays = npz_arrays(data, _TRUTH, source, optional=("distance",))
     bits = np.unpackbits(arrays["observed"])[: arrays["tsdf"].size].astype(bool)
     if bits.size != arrays["tsdf"].size:
         raise InputError(f"{source}: 'observed' has {bits.size} voxels, 'tsdf' {arrays['tsdf'].size}")
@@ -215,7 +222,31 @@ def truth_from_bytes(data: bytes, source: str) -> dict[str, Any]:
         "observed": bits.reshape(arrays["tsdf"].shape),
         "depths": arrays["depth"].astype(np.float32) * np.float32(DEPTH_UNIT),
         "masks": arrays["masks"],
+        "distance": arrays["distance"].astype(np.float32) if "distance" in arrays else None,
     }
+
+
+def add_distance(folder: Path, distance: Callable[[Scene], NDArray[np.float32]]) -> bool:
+    """Stores the mesh distance of a record's scene where the record in `folder` has none; whether it did.
+
+    All else in truth.npz stays as it is, and whoever reads it meanwhile finds the old file or the new one.
+    Raises `InputError` naming the file that is missing or damaged, `NeuGraspError` where the disk refuses.
+    """
+    _need(folder, FILES)
+    path = folder / "truth.npz"
+    arrays = npz_arrays(path.read_bytes(), _TRUTH, str(path), optional=("distance",))
+    if "distance" in arrays:
+        return False
+    world = folder / "world.json"
+    grid = distance(scene_from_json(world.read_text(errors="replace"), world))
+    temporary = path.with_name(f".{path.name}.tmp")
+    try:
+        temporary.write_bytes(npz_bytes(**arrays, distance=grid.astype(np.float16)))
+        temporary.replace(path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise NeuGraspError(f"{path}: cannot be written ({error.strerror}); it stays as it was") from error
+    return True
 
 
 def _write_files(folder: Path, record: Record) -> None:

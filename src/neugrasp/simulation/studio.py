@@ -23,6 +23,7 @@ from neugrasp.simulation.cell import sample_cell
 from neugrasp.simulation.cell_photos import Photographer, backgrounds
 from neugrasp.simulation.labels import label
 from neugrasp.simulation.materials import sample_materials
+from neugrasp.simulation.mesh_distance import mesh_distance
 from neugrasp.simulation.objects import KINDS, ObjectLibrary
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.renderer import RenderSettings
@@ -106,6 +107,8 @@ class Studio:
             self.world.reset(scene)
         with self._timed("tsdf"):
             tsdf = scan(self.world, self.workspace)
+        with self._timed("distance"):
+            distance = mesh_distance(scene.bodies, self.library, self.workspace)
         with self._timed("grasps"):
             labels = self._labels(index)
         record = Record(
@@ -115,6 +118,7 @@ class Studio:
             tsdf=tsdf.values,
             observed=tsdf.observed,
             labels=labels,
+            distance=distance,
         )
         with self._timed("write"):
             folder = self.config.out / "scenes" / record.name

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 
 from neugrasp.geometry.camera import Camera
-from neugrasp.geometry.pose import Array, apply, from_quaternion
+from neugrasp.geometry.pose import Array
 from neugrasp.geometry.view_sets import on_sphere
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.simulation.meshes import Mesh, merged, read_obj
 from neugrasp.simulation.physics import World
+from neugrasp.simulation.placed_meshes import placed_triangles
 
 LOOK_SIZE = 128
 """Pixels of the square depth views that decide what is visible."""
@@ -33,7 +31,7 @@ class SurfacePoints:
 
 def visible_surface(world: World, rng: np.random.Generator, count: int) -> SurfacePoints:
     """`count` points drawn uniformly by area from all surfaces, less those that no view from above sees."""
-    triangles = [_triangles(world, index) for index in range(len(world.bodies()))]
+    triangles = [placed_triangles(body, world.model(body)) for body in world.bodies()]
     if not triangles:
         return SurfacePoints(np.zeros((0, 3)), np.zeros((0, 3)))
     surface = _sampled(np.concatenate(triangles), rng, count)
@@ -48,19 +46,6 @@ def looks(workspace: Workspace) -> list[Camera]:
     """Six views around the table at a polar angle of 30 deg, cropped to the workspace."""
     cameras = [on_sphere(workspace, 0.6, np.deg2rad(30), np.deg2rad(60 * k)) for k in range(6)]
     return [c.cropped_and_resized(workspace.photo_box(c), LOOK_SIZE, LOOK_SIZE) for c in cameras]
-
-
-@lru_cache(maxsize=256)
-def _mesh(path: Path) -> Mesh:
-    return merged(read_obj(path))
-
-
-def _triangles(world: World, index: int) -> Array:
-    """Corners (f, 3, 3) of a body's visual mesh, workspace frame."""
-    body = world.bodies()[index]
-    mesh = _mesh(world.model(body).visual_mesh)
-    vertices = apply(from_quaternion(body.quaternion_xyzw, body.position), mesh.vertices * body.scale)
-    return vertices[mesh.faces]
 
 
 def _sampled(triangles: Array, rng: np.random.Generator, count: int) -> SurfacePoints:
