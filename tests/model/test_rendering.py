@@ -7,7 +7,7 @@ import torch
 from torch.testing import assert_close
 
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.model.rendering import composite, concentrate, cut_to_workspace, neus_alpha, ray_weights, spread
+from neugrasp.model.rendering import composite, importance_samples, cut_to_workspace, neus_alpha, ray_weights, spread
 
 
 def rays_down(num: int):
@@ -33,9 +33,9 @@ def test_a_rendered_sphere_has_its_known_depth_and_colour(radius):
     rays = cut_to_workspace(*rays_down(21), Workspace())
     centre = torch.tensor([0.15, 0.15, 0.12])
     sdf = lambda at: (rays.points(at) - centre).norm(dim=-1) - radius  # noqa: E731
-    coarse_at = spread(rays, 64, None)
+    coarse_at = stratified_samples(rays, 64, None)
     coarse = ray_weights(sdf(coarse_at), torch.tensor(1000.0))
-    at = concentrate(coarse_at, coarse, 64, None)
+    at = importance_samples(coarse_at, coarse, 64, None)
     colour = torch.tensor([0.2, 0.5, 0.8]).expand(21, 64, 3)
     rendered = composite(sdf(at), colour, at, torch.tensor(1000.0))
     beside = (rays.origins[:, 0] - 0.15).abs()
@@ -63,14 +63,14 @@ def test_fine_samples_gather_where_the_weights_are():
     distances = torch.linspace(0, 1, 11).unsqueeze(0)
     weights = torch.zeros(1, 10)
     weights[0, 7] = 1
-    fine = concentrate(distances, weights, 100, None)
+    fine = importance_samples(distances, weights, 100, None)
     assert ((fine >= 0.7) & (fine <= 0.8)).float().mean() > 0.95
     assert (fine.diff() >= 0).all()
 
 
 def test_jittered_samples_stay_in_order_and_in_range():
     rays = cut_to_workspace(*rays_down(5), Workspace())
-    distances = spread(rays, 30, torch.Generator().manual_seed(3))
+    distances = stratified_samples(rays, 30, torch.Generator().manual_seed(3))
     assert (distances.diff() >= 0).all()
     assert (distances >= rays.near[:, None]).all()
     assert (distances <= rays.far[:, None]).all()

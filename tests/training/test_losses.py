@@ -60,16 +60,16 @@ def test_carving_wants_opacity_before_changed_pixels_only(label, good):
     workspace = Workspace()
     origins = torch.tensor([[0.15, 0.15, 0.6]])
     rays = Rays(origins, torch.tensor([[0.0, 0, -1]]), torch.tensor([0.3]), torch.tensor([0.57]))
-    middles = torch.tensor([[0.4, 0.56]])  # 15 cm above the table, and 1 cm below it
+    midpoints = torch.tensor([[0.4, 0.56]])  # 15 cm above the table, and 1 cm below it
     labels = torch.tensor([label])
     losses = [
-        carving_loss(torch.tensor([[share, 1 - share]]), middles, rays, labels, workspace)
+        carving_loss(torch.tensor([[share, 1 - share]]), midpoints, rays, labels, workspace)
         for share in (good, 1 - good)
     ]
     assert losses[0] < losses[1]
     assert_close(losses[0], torch.tensor(-0.5 * np.log(0.9)).float())
     unsure = torch.tensor([UNSURE])
-    assert carving_loss(torch.tensor([[good, 0.0]]), middles, rays, unsure, workspace) == 0
+    assert carving_loss(torch.tensor([[good, 0.0]]), midpoints, rays, unsure, workspace) == 0
 
 
 def test_unobserved_voxels_do_not_count_in_the_tsdf_loss():

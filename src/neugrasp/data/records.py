@@ -135,8 +135,11 @@ def write_record(folder: Path, record: Record) -> None:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def read_record(folder: Path) -> Record:
-    """The record in `folder`. Raises `InputError` naming the file that is missing or damaged."""
+def read_record(folder: Path, photos: bool = True) -> Record:
+    """The record in `folder`, without its photos if they are not asked for.
+
+    Raises `InputError` naming the file that is missing or damaged.
+    """
     folder = Path(folder)
     _need(folder, FILES)
     world = scene_from_json((folder / "world.json").read_text(errors="replace"), folder / "world.json")
@@ -144,13 +147,12 @@ def read_record(folder: Path) -> Record:
         cell = json.loads((folder / "cell.json").read_text(errors="replace"))
     except json.JSONDecodeError as error:
         raise InputError(f"{folder / 'cell.json'}: not valid JSON ({error})") from error
-    photos = _photos(folder) if cell.get("photos", True) else without_photos()
     truth = truth_from_bytes((folder / "truth.npz").read_bytes(), str(folder / "truth.npz"))
     record = Record(
         name=folder.name,
         scene=world,
         cell=cell,
-        **{**photos, **truth},
+        **(truth | (_photos(folder) if photos and cell.get("photos", True) else without_photos())),
         labels=labels_from_bytes((folder / "grasps.npz").read_bytes(), str(folder / "grasps.npz")),
     )
     check_record(record, str(folder))

@@ -1,4 +1,4 @@
-"""Records packed into a few files for training: zip archives of at most 60 MB with lossless WebP images.
+"""Records packed into a few files for training: zip archives of at most 60 MB with WebP images.
 
 An image that several records share, such as the background of a work cell, is stored once per shard.
 """
@@ -10,11 +10,12 @@ import io
 import json
 import zipfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image as Picture
 
 from neugrasp.data.labels import labels_from_bytes, labels_to_bytes
@@ -25,6 +26,7 @@ from neugrasp.data.records import (
     read_record,
     truth_from_bytes,
     truth_to_bytes,
+    without_photos,
 )
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.simulation.scene import camera_from_dict, camera_to_dict, scene_from_json, scene_to_json
@@ -38,9 +40,11 @@ LIMIT = 60_000_000
 _IMAGES = ("images", "backgrounds", "targets", "target_backgrounds")
 
 
-def pack(folders: Sequence[Path], out: Path, limit: int = LIMIT) -> Path:
+def pack(folders: Sequence[Path], out: Path, limit: int = LIMIT, quality: int | None = None) -> Path:
     """Packs every record found in `folders` into shards in `out`; the path of their index.
 
+    Everything is kept exactly; or, with a `quality` (1 to 100), photos as lossy WebP, grids in steps of 1/127,
+    and neither depth nor masks, which no loss reads: a fraction of the bytes, to carry to a machine with a GPU.
     The same records give the same bytes. Raises `InputError` where there are none or two of one name.
     """
     found = [path.parent for folder in folders for path in sorted(Path(folder).glob("*/grasps.npz"))]
@@ -52,7 +56,7 @@ def pack(folders: Sequence[Path], out: Path, limit: int = LIMIT) -> Path:
     out = Path(out)
     try:
         out.mkdir(parents=True, exist_ok=True)
-        entries = [entry for shard in _shards(found, limit) for entry in shard.write(out)]
+        entries = [entry for shard in _shards(found, limit, quality) for entry in shard.write(out)]
         return _write_index(out, entries)
     except OSError as error:
         raise NeuGraspError(f"{out}: cannot be written ({error.strerror})") from error
@@ -81,28 +85,52 @@ class _Shard:
         return [{**entry, "shard": file} for entry in self.entries]
 
 
-def _shards(folders: Sequence[Path], limit: int) -> Iterator[_Shard]:
+def _shards(folders: Sequence[Path], limit: int, quality: int | None) -> Iterator[_Shard]:
     shard = _Shard(0)
     for folder in folders:
         record = read_record(folder)
-        members = _members(record)
+        if quality is not None:
+            record = _light(record)
+        members = _members(record, quality)
         if shard.entries and shard.size(members) > limit:
             yield shard
             shard = _Shard(shard.number + 1)
         shard.members.update(members)
-        entry = {"name": record.name, "kind": record.kind, "materials": list(record.materials)}
+        entry = {
+            "name": record.name,
+            "kind": record.kind,
+            "materials": list(record.materials),
+            "photos": record.has_photos,
+            "sha256": hashlib.sha256(members[f"{record.name}/grasps.npz"]).hexdigest()[:16],
+        }
         shard.entries.append(entry)
     yield shard
 
 
-def _members(record: Record) -> dict[str, bytes]:
+def _light(record: Record) -> Record:
+    """The record without depth and masks, its grids in steps of 1/127: what packs well and is learned from."""
+    distance = None if record.distance is None else _rounded(record.distance)
+    return replace(
+        record,
+        depths=np.zeros_like(record.depths),
+        masks=np.zeros_like(record.masks),
+        tsdf=_rounded(record.tsdf),
+        distance=distance,
+    )
+
+
+def _rounded(grid: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.round(grid * 127).astype(np.float32) / 127
+
+
+def _members(record: Record, quality: int | None) -> dict[str, bytes]:
     members: dict[str, bytes] = {}
     pictures: dict[str, list[str]] = {}
     for group in _IMAGES:
         pictures[group] = []
         for image in getattr(record, group):
             name = f"images/{hashlib.sha256(image.tobytes()).hexdigest()[:32]}.webp"
-            members[name] = _webp(image)
+            members[name] = _webp(image, quality)
             pictures[group].append(name)
     description = {
         "scene": json.loads(scene_to_json(record.scene)),
@@ -117,9 +145,10 @@ def _members(record: Record) -> dict[str, bytes]:
     return members
 
 
-def _webp(image: Image) -> bytes:
+def _webp(image: Image, quality: int | None) -> bytes:
     stream = io.BytesIO()
-    Picture.fromarray(image).save(stream, "WEBP", lossless=True, quality=60, method=4, exact=True)
+    options = {"lossless": True, "quality": 60, "exact": True} if quality is None else {"quality": quality}
+    Picture.fromarray(image).save(stream, "WEBP", method=4, **options)
     return stream.getvalue()
 
 
@@ -161,15 +190,29 @@ class Shards(Sequence[Record]):
     def __len__(self) -> int:
         return len(self.entries)
 
+    def has_photos(self, index: int) -> bool:
+        """Whether a record has photos, without reading it."""
+        if "photos" in self.entries[index]:
+            return bool(self.entries[index]["photos"])
+        return self.read(index).has_photos  # an index of before this entry
+
+    def identity(self) -> str:
+        """A hash that changes when scenes are added, removed or made anew."""
+        return hashlib.sha256(json.dumps(self.entries, sort_keys=True).encode()).hexdigest()
+
     def __getitem__(self, index: Any) -> Any:
         """The record at `index`. Raises `InputError` naming the shard where it is damaged."""
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
+        return self.read(index)
+
+    def read(self, index: int, photos: bool = True) -> Record:
+        """The record at `index`, without its photos if they are not asked for. Raises like indexing."""
         entry = self.entries[index]
         path = self.folder / entry["shard"]
         try:
             with zipfile.ZipFile(path) as archive:
-                return _record(archive, entry["name"], f"{path}, {entry['name']}")
+                return _record(archive, entry["name"], f"{path}, {entry['name']}", photos)
         except FileNotFoundError as error:
             raise InputError(
                 f"{path}: missing; copy it beside the index or pack the records again"
@@ -182,23 +225,28 @@ class Shards(Sequence[Record]):
             ) from error
 
 
-def _record(archive: zipfile.ZipFile, name: str, source: str) -> Record:
+def _record(archive: zipfile.ZipFile, name: str, source: str, photos: bool) -> Record:
     description = json.loads(archive.read(f"{name}/record.json"))
+    truth = truth_from_bytes(archive.read(f"{name}/truth.npz"), source)
+    seen = _seen(archive, description) if photos and description["images"] else without_photos()
     record = Record(
         name=name,
         scene=scene_from_json(json.dumps(description["scene"]), source),
         cell=description["cell"],
-        cameras=tuple(camera_from_dict(camera) for camera in description["cameras"]),
-        target_cameras=tuple(camera_from_dict(camera) for camera in description["target_cameras"]),
-        images=_stacked(archive, description["images"]),
-        backgrounds=_stacked(archive, description["backgrounds"]),
-        targets=_stacked(archive, description["targets"]),
-        target_backgrounds=_stacked(archive, description["target_backgrounds"]),
-        **truth_from_bytes(archive.read(f"{name}/truth.npz"), source),
+        **(truth | seen),
         labels=labels_from_bytes(archive.read(f"{name}/grasps.npz"), source),
     )
     check_record(record, source)
     return record
+
+
+def _seen(archive: zipfile.ZipFile, description: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a `Record` that depend on its photos, but for depth and masks."""
+    return {
+        "cameras": tuple(camera_from_dict(camera) for camera in description["cameras"]),
+        "target_cameras": tuple(camera_from_dict(camera) for camera in description["target_cameras"]),
+        **{group: _stacked(archive, description[group]) for group in _IMAGES},
+    }
 
 
 def _stacked(archive: zipfile.ZipFile, members: Sequence[str]) -> Image:

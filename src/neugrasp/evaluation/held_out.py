@@ -32,7 +32,7 @@ from neugrasp.metrics import CONSTANTS, l1_by_mask, wilson_interval
 from neugrasp.model.checkpoint import find_weights
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.trials import execute
-from neugrasp.training.samples import prepare_record, sample_of
+from neugrasp.training.samples import plain_sample
 from neugrasp.training.validation import validate
 
 log = logging.getLogger(__name__)
@@ -131,7 +131,7 @@ def run_held_out(run: Validate) -> dict[str, Any]:
 
 
 def _read_all(folders: tuple[Path, ...]) -> list[Record]:
-    from neugrasp.training.data import read_records
+    from neugrasp.training.dataset import read_records
 
     records = [record for folder in folders for record in read_records(folder)]
     counts = Counter(record.name for record in records)
@@ -197,7 +197,7 @@ def _summarise(records: list[Record], detector: NeuGraspDetector, path: Path) ->
     size = detector.model.config.image_size
     scores = {}
     for material, some in sorted(by_material.items()):
-        samples = [sample_of(prepare_record(record, Workspace(), size), Workspace(), None) for record in some]
+        samples = [plain_sample(record, Workspace(), size) for record in some]
         means = validate(detector.model, samples, 400.0) | _constants(some)
         # JSON has no NaN: what no record has, such as the AUC of labels that all failed, is null.
         defined = {name: value if math.isfinite(value) else None for name, value in means.items()}

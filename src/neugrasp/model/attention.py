@@ -10,8 +10,13 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from neugrasp.geometry.sampling import full_precision
-from neugrasp.model.view_layer import EPSILON, PLAIN, LayerWeights, ViewLayer, centred, positive
+EPSILON = 1e-6
+"""Added to the sum of a query's weights."""
+
+
+def feature_map(x: Tensor) -> Tensor:
+    """elu(x) + 1, which is positive."""
+    return F.elu(x) + 1
 
 
 def linear(dim_in: int, dim_out: int) -> nn.Linear:
@@ -21,17 +26,14 @@ def linear(dim_in: int, dim_out: int) -> nn.Linear:
     return layer
 
 
-def channels_of_a_head(dim: int, heads: int) -> int:
-    """How many of the channels each head has. Raises `ValueError` where they cannot be shared out."""
+def same_head(dim: int, heads: int) -> Tensor:
+    """(dim, dim): 1 where two channels belong to one head, else 0; a product with it sums within each head.
+
+    Raises `ValueError` where the channels cannot be shared out among the heads.
+    """
     if dim % heads:
         raise ValueError(f"width {dim} is not a multiple of {heads} heads")
-    return dim // heads
-
-
-def same_head(dim: int, heads: int) -> Tensor:
-    """(dim, dim): 1 where two channels belong to one head, else 0."""
-    size = channels_of_a_head(dim, heads)
-    return torch.block_diag(*torch.ones(heads, size, size))
+    return torch.block_diag(*torch.ones(heads, dim // heads, dim // heads))
 
 
 class ViewTransformer(nn.Module):
@@ -41,10 +43,11 @@ class ViewTransformer(nn.Module):
     view features. There is no position encoding, so the order of the views does not matter.
     """
 
+    same_head: Tensor
+
     def __init__(self, dim: int, heads: int):
         super().__init__()
-        self.heads, self.places = heads, channels_of_a_head(dim, heads)
-        self.passes = PLAIN
+        self.register_buffer("same_head", same_head(dim, heads), persistent=False)
         self.token = nn.Parameter(torch.randn(dim, 1))
         self.query = linear(dim, dim)
         self.key = linear(dim, dim)
@@ -55,31 +58,21 @@ class ViewTransformer(nn.Module):
         self.norm_message = nn.LayerNorm(dim)
         self.norm_mlp = nn.LayerNorm(dim)
 
-    @full_precision
     def forward(self, tokens: Tensor, need_views: bool) -> tuple[Tensor, Tensor | None]:
         """Unified feature (p, d) of view tokens (n, p, d), and the view features (n, p, d) if needed.
 
         Without `need_views` only the learnable token asks questions, which is a fraction of the work.
         """
-        num = 1 + len(tokens) if need_views else 1
-        attended: Tensor = ViewLayer.apply(self.passes, self.heads, num, tokens, *self._weights())
+        token = self.token.T.to(tokens.dtype).expand(1, tokens.shape[1], -1)
+        x = torch.cat([token, tokens])
+        asking = x if need_views else token
+        query, key, value = feature_map(self.query(asking)), feature_map(self.key(x)), self.value(x)
+        weights = F.linear(query.unsqueeze(1) * key, self.same_head)  # (queries, tokens, p, d)
+        message = (weights * value).sum(1) / (weights.sum(1) + EPSILON)
+        message = self.norm_message(self.merge(message))
+        hidden = F.relu(self.expand(torch.cat([asking, message.to(asking.dtype)], dim=-1)))
+        attended = asking + self.norm_mlp(self.contract(hidden)).to(asking.dtype)
         return attended[0], attended[1:] if need_views else None
-
-    def _weights(self) -> LayerWeights:
-        dim = len(self.token)
-        by_place = torch.arange(dim).unflatten(0, (self.heads, self.places)).T.flatten()
-        from_token, from_message = self.expand.weight.split(dim, dim=1)
-        return LayerWeights(
-            self.token.squeeze(1),
-            torch.cat([self.query.weight[by_place], from_token]),
-            torch.cat([self.key.weight[by_place], self.value.weight[by_place]]),
-            centred(self.merge.weight[:, by_place]),
-            from_message * self.norm_message.weight,
-            (from_message @ self.norm_message.bias).unsqueeze(1),
-            centred(self.contract.weight),
-            self.norm_mlp.weight.unsqueeze(1),
-            self.norm_mlp.bias.unsqueeze(1),
-        )
 
 
 class RayTransformer(nn.Module):
@@ -103,10 +96,11 @@ class RayTransformer(nn.Module):
             if isinstance(module, nn.Linear):
                 nn.init.xavier_uniform_(module.weight)
 
-    def forward(self, x: Tensor, asks: Tensor) -> Tensor:
-        """Same shape as x (r, s, d). Samples that do not ask (`asks` (r, s) false) get no message in."""
-        query = positive(self.query(x)) * asks.unsqueeze(-1)
-        key, value = positive(self.key(x)), self.value(x)
+    def forward(self, x: Tensor, query_mask: Tensor) -> Tensor:
+        """Same shape as x (r, s, d). Samples outside the mask (r, s) get no message in."""
+        query = feature_map(self.query(x)) * query_mask.unsqueeze(-1)
+        key, value = feature_map(self.key(x)), self.value(x)
+        # Of all pairs of channels, the products of those within a head: as fast as one head alone.
         context = (key.transpose(1, 2) @ value) * self.same_head.to(value.dtype)
         total = F.linear(query * key.sum(1, keepdim=True), self.same_head)
         message = self.norm_message(self.merge((query @ context) / (total + EPSILON)))

@@ -8,14 +8,15 @@ import torch
 from einops import rearrange
 from torch import Tensor, nn
 
-from neugrasp.geometry.sampling import sample_volume
+from neugrasp.geometry.sampling import LookupTable, sample_volume
 from neugrasp.geometry.workspace import Workspace
+from neugrasp.model.chunked import map_chunked
 from neugrasp.model.config import ModelConfig
 from neugrasp.model.features import ChangeFeatures, FeatureNet, ResidualAttention
+from neugrasp.model.field import EncodedViews, SdfField, order_encoding
 from neugrasp.model.grasp_head import GraspHead, GraspVolume
 from neugrasp.model.inputs import ViewTensors
-from neugrasp.model.rendering import Rays, Rendered, composite, concentrate, ray_weights, spread
-from neugrasp.model.sdf import EncodedViews, FieldSamples, SdfField
+from neugrasp.model.rendering import Rays, Rendered, composite, importance_samples, ray_weights, stratified_samples
 from neugrasp.model.volumes import VolumeNet
 
 GRID_SAMPLES = 64
@@ -76,14 +77,43 @@ class NeuGrasp(nn.Module):
 
     def reconstruct(self, scene: Tensor, background: Tensor | None, views: ViewTensors) -> Reconstruction:
         """The field and its values on the grid, from the feature maps of photos and backgrounds."""
-        maps, priors = self._field_maps(scene, background, views)
-        centres = torch.from_numpy(self.workspace.voxel_centres()).to(scene)
-        pixels, seen = views.cameras.project(centres.reshape(-1, 3))
-        voxels = views.cameras.corners(pixels, scene.shape).where(seen)
-        volumes = rearrange(self.volumes(priors, voxels, seen), "k c x y z -> x y z (k c)").float()
-        encoded = EncodedViews(views.images, maps, volumes, views.cameras, self.workspace)
-        sdf = self.field.on_grid(encoded, voxels, seen)
-        return Reconstruction(encoded, sdf, seen.any(0).reshape(sdf.shape))
+        encoded = self.encode_scene(scene, background, views)
+        sdf = self.sdf_columns(encoded).reshape((self.workspace.resolution,) * 3)
+        return Reconstruction(encoded, sdf, encoded.seen.any(0).reshape(sdf.shape))
+
+    def encode_scene(self, scene: Tensor, background: Tensor | None, views: ViewTensors) -> EncodedViews:
+        """What the field reads: feature maps and prior volumes (Eq. 7 and the two priors of Fig. 2)."""
+        maps, prior_maps = self._field_maps(scene, background, views)
+        centres = scene.new_tensor(self.workspace.voxel_centres()).reshape(-1, 3)
+        pixels, seen = views.cameras.project(centres)
+        voxels = views.cameras.interpolation(pixels, scene.shape).where(seen)
+        volumes = rearrange(self.volumes(prior_maps, voxels, seen), "k c x y z -> (x y z) (k c)").float()
+        return EncodedViews(
+            LookupTable.of_images(views.images),
+            LookupTable.of_maps(torch.cat(maps, dim=1)),
+            scene.shape,
+            LookupTable.of(volumes),
+            voxels,
+            seen,
+            centres,
+            views.cameras,
+            self.workspace,
+        )
+
+    def sdf_columns(self, scene: EncodedViews, columns: Tensor | None = None) -> Tensor:
+        """Signed distance (k, r), not clipped, at the voxels of some columns (k,), x r + y; by default of all.
+
+        Every column is a ray seen from straight above: its samples count from the top down.
+        """
+        edge = self.workspace.resolution
+        order = order_encoding(edge, scene.centres).flip(0)
+
+        def query(part: slice) -> tuple[Tensor, ...]:
+            samples = scene.at_columns(part if columns is None else columns[part])
+            return self.field(samples, self.workspace, order)[:1]
+
+        num = edge**2 if columns is None else len(columns)
+        return map_chunked(query, num, edge, scene.centres.device)[0]
 
     def _field_maps(self, scene: Tensor, background: Tensor | None, views: ViewTensors) -> tuple[Maps, Maps]:
         """What the view transformers read, and what the prior volumes are made from."""
@@ -111,10 +141,10 @@ class NeuGrasp(nn.Module):
         sharpness: Tensor,
         generator: torch.Generator | None = None,
     ) -> tuple[Rendered, Rendered]:
-        """Coarse and fine renderings of rays of one camera; with a generator, samples are jittered."""
-        coarse_at = spread(rays, self.config.coarse_samples, generator)
+        """Coarse and fine renderings of rays; with a generator, samples are jittered."""
+        coarse_at = stratified_samples(rays, self.config.coarse_samples, generator)
         coarse = self._render_at(scene, rays, coarse_at, sharpness)
-        fine_at = concentrate(coarse_at, coarse.weights, self.config.fine_samples, generator)
+        fine_at = importance_samples(coarse_at, coarse.weights, self.config.fine_samples, generator)
         return coarse, self._render_at(scene, rays, fine_at, sharpness)
 
     def weights_on_grid(
@@ -124,16 +154,20 @@ class NeuGrasp(nn.Module):
         sharpness: Tensor,
         generator: torch.Generator | None = None,
     ) -> tuple[Tensor, Tensor]:
-        """Weights (r, s - 1) of intervals on rays through the grid's distances, and their middles."""
-        distances = spread(rays, GRID_SAMPLES, generator)
+        """Weights (r, s - 1) of intervals on rays through the grid's distances, and their midpoints."""
+        distances = stratified_samples(rays, GRID_SAMPLES, generator)
         points = self.workspace.to_unit(rays.points(distances).reshape(-1, 3))
         sdf = sample_volume(reconstruction.sdf.unsqueeze(0), points).reshape(distances.shape)
         weights = ray_weights(sdf * self.workspace.truncation, sharpness)
         return weights, (distances[:, 1:] + distances[:, :-1]) / 2
 
     def _render_at(self, scene: EncodedViews, rays: Rays, distances: Tensor, sharpness: Tensor) -> Rendered:
-        samples: FieldSamples = self.field(scene, rays.points(distances), eye=rays.origins[0])
-        if samples.colour is None:
-            raise AssertionError("colours were asked for")
-        metres = samples.sdf * self.workspace.truncation
-        return composite(metres, samples.colour, distances, sharpness)
+        points = rays.points(distances)
+
+        def query(part: slice) -> tuple[Tensor, ...]:
+            samples = scene.at_points(points[part], colours=True)
+            sdf, views = self.field(samples, self.workspace)
+            return sdf, self.field.blend(samples, views, scene.cameras, rays.origins[part])
+
+        sdf, colour = map_chunked(query, len(points), points.shape[1], points.device)
+        return composite(sdf * self.workspace.truncation, colour, distances, sharpness)

@@ -44,8 +44,8 @@ class Rendered:
     """(r,) accumulated weight in [0, 1]."""
     weights: Tensor
     """(r, s - 1) of the intervals between samples."""
-    middles: Tensor
-    """(r, s - 1) distances of the middles of the intervals."""
+    midpoints: Tensor
+    """(r, s - 1) distances of the midpoints of the intervals."""
 
 
 def cut_to_workspace(origins: Tensor, directions: Tensor, workspace: Workspace) -> Rays:
@@ -81,15 +81,15 @@ def ray_weights(sdf: Tensor, sharpness: Tensor) -> Tensor:
 def composite(sdf: Tensor, colour: Tensor, distances: Tensor, sharpness: Tensor) -> Rendered:
     """Accumulates along rays: distances, sdf (r, s) in metres, colour (r, s, 3)."""
     weights = ray_weights(sdf, sharpness)
-    middles = (distances[:, 1:] + distances[:, :-1]) / 2
+    midpoints = (distances[:, 1:] + distances[:, :-1]) / 2
     opacity = weights.sum(1)
     colours = (colour[:, 1:] + colour[:, :-1]) / 2
     rgb = (weights.unsqueeze(-1) * colours).sum(1)
-    depth = (weights * middles).sum(1) / opacity.clamp(min=1e-6)
-    return Rendered(rgb, depth, opacity, weights, middles)
+    depth = (weights * midpoints).sum(1) / opacity.clamp(min=1e-6)
+    return Rendered(rgb, depth, opacity, weights, midpoints)
 
 
-def spread(rays: Rays, num: int, generator: torch.Generator | None) -> Tensor:
+def stratified_samples(rays: Rays, num: int, generator: torch.Generator | None) -> Tensor:
     """Distances (r, num) from near to far: evenly, or jittered within even strata if a generator is given."""
     count = len(rays.near)
     if generator is None:
@@ -100,7 +100,7 @@ def spread(rays: Rays, num: int, generator: torch.Generator | None) -> Tensor:
     return rays.near.unsqueeze(1) + fractions * (rays.far - rays.near).unsqueeze(1)
 
 
-def concentrate(distances: Tensor, weights: Tensor, num: int, generator: torch.Generator | None) -> Tensor:
+def importance_samples(distances: Tensor, weights: Tensor, num: int, generator: torch.Generator | None) -> Tensor:
     """New sorted distances (r, num) where the weights (r, s - 1) of the intervals lie (inverse CDF)."""
     density = weights.detach() + 1e-3
     cdf = torch.cumsum(density / density.sum(1, keepdim=True), dim=1)

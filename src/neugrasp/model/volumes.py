@@ -7,8 +7,8 @@ import torch.nn.functional as F
 from einops import rearrange
 from torch import Tensor, nn
 
-from neugrasp.geometry.sampling import Corners, Table
-from neugrasp.model.chunks import in_chunks
+from neugrasp.geometry.sampling import InterpolationIndex, LookupTable
+from neugrasp.model.chunked import map_chunked
 from neugrasp.model.config import ModelConfig
 from neugrasp.model.norm import GroupNorm
 
@@ -61,22 +61,20 @@ class VolumeNet(nn.Module):
         self.up3, self.up2, self.up1 = _Up(d, c), _Up(c, b), _Up(b, a)
         self.out = nn.Conv3d(a, volume, 3, 1, 1)
 
-    def forward(self, maps: tuple[Tensor, ...], voxels: Corners, seen: Tensor) -> Tensor:
+    def forward(self, maps: tuple[Tensor, ...], voxels: InterpolationIndex, seen: Tensor) -> Tensor:
         """Volumes (k, c, r, r, r), one for each of k maps (n, dim, h, w) of n views.
 
         `voxels` (n, r^3) are the places of the voxels [x, y, z] in the maps; `seen` (n, r^3).
         """
-        tables = [Table.of_maps(one) for one in maps]
+        tables = [LookupTable.of_maps(one) for one in maps]
 
-        def summaries(start: int, stop: int) -> tuple[Tensor, ...]:
-            part = slice(start, stop)
+        def summaries(part: slice) -> tuple[Tensor, ...]:
             places = voxels.part(part)
             features = [self.reduce(places.read(table)) for table in tables]
             return tuple(torch.cat(masked_mean_and_variance(one, seen[:, part]), -1) for one in features)
 
         num = seen.shape[1]
-        learns = [*(table.values for table in tables), *self.reduce.parameters()]
-        x = torch.stack(in_chunks(summaries, num, seen.device, 1, learns))
+        x = torch.stack(map_chunked(summaries, num, 1, seen.device))
         edge = round(num ** (1 / 3))
         x0 = self.enter(rearrange(x, "k (x y z) c -> k c x y z", x=edge, y=edge))
         x1 = self.down1(x0)

@@ -17,7 +17,7 @@ from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.export import write_picture
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.pictures import Tile, contact_sheet
-from neugrasp.training.data import read_records
+from neugrasp.training.dataset import read_records
 from neugrasp.views import Image
 
 TEXT, SCENES, BALANCE = "data_sheet.md", "scenes.jpg", "balance.png"

@@ -31,7 +31,42 @@ class LossWeights:
     table: float = 0.0
     """Where a photo shows the table, the surface lies in the table's plane."""
     tsdf: float = 0.0
-    """Geometry supervision; only the control recipe has it."""
+    """Geometry supervision by the fused TSDF, as the released code has it; only the control recipe does."""
+    distance: float = 0.0
+    """Geometry supervision by the signed distance of the meshes."""
+    occupancy: float = 0.0
+    """Geometry supervision by what is inside the meshes: the cross-entropy of the field's sign."""
+
+    @property
+    def renders(self) -> bool:
+        """Whether a loss asks for renderings of target views."""
+        return bool(self.photometric or self.carving)
+
+    @property
+    def finds_changes(self) -> bool:
+        """Whether a loss asks what changed in the photos."""
+        return bool(self.renders or self.grid_carving or self.table)
+
+    @property
+    def needs_grid(self) -> bool:
+        """Whether a loss asks for the signed distance at every voxel."""
+        return bool(self.grasp or self.eikonal or self.tsdf or self.grid_carving or self.table)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Optimiser:
+    """Adam, and how its learning rate falls over a stage."""
+
+    learning_rate: float = 1e-4
+    head_learning_rate: float = 3e-4
+    """While the head is trained alone."""
+    schedule: Literal["staircase", "cosine"] = "staircase"
+    """Halved six times (the paper: every 50k of 300k steps), or along a half cosine after 50 steps of warming
+    up."""
+    average: float = 0.0
+    """Decay per step of the moving average of the weights, which is validated and shipped; 0: none."""
+    gradient_clip: float = 1.0
+    """Largest norm of a step's gradient."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,13 +80,12 @@ class TrainConfig:
     """How many of the steps train the head alone, on true TSDFs made imperfect."""
     head_batch: int = 8
     """Grids in one step of the head's stage."""
-    learning_rate: float = 1e-4
-    head_learning_rate: float = 3e-4
-    schedule: Literal["staircase", "cosine"] = "staircase"
-    """How the learning rate falls over each stage: halved six times (the paper: every 50k of 300k steps), or
-    along a half cosine after 50 steps of warming up."""
-    average: float = 0.0
-    """Decay per step of the moving average of the weights, which is validated and shipped; 0: none."""
+    batch: int = 1
+    """Scenes with photos in one step of the joint stage, one after the other."""
+    optimiser: Optimiser = field(default_factory=Optimiser)
+    columns: int = 0
+    """Random columns of voxels that geometry supervision asks for in a step where no loss needs the whole
+    grid; 0: all."""
     rays: int = 2304
     """Rays of the target view per step."""
     carving_rays: int = 512
@@ -60,7 +94,8 @@ class TrainConfig:
     """NeuS sharpness in 1 / m at the start and the end, in geometric steps, unless the model learns it."""
     view_dropout: float = 0.3
     """Probability that a step sees fewer views than the record has."""
-    gradient_clip: float = 1.0
+    min_views: int = 2
+    """Fewest views that such a step sees."""
     bfloat16: bool = False
     """Whether products and convolutions run in bfloat16 where that is faster; weights and moments stay
     float32."""
@@ -73,9 +108,10 @@ class TrainConfig:
         """Falls within each stage, never below a hundredth of its start."""
         in_head = step < self.head_steps
         start, length = (0, self.head_steps) if in_head else (self.head_steps, self.steps - self.head_steps)
-        base = self.head_learning_rate if in_head else self.learning_rate
+        optimiser = self.optimiser
+        base = optimiser.head_learning_rate if in_head else optimiser.learning_rate
         progress = (step - start) / max(1, length)
-        if self.schedule == "staircase":
+        if optimiser.schedule == "staircase":
             return base * max(0.01, 0.5 ** int(progress * HALVINGS))
         warm = min(1.0, (step - start + 1) / min(WARM_UP, 1 + length // 10))
         return base * warm * max(0.01, 0.5 + 0.5 * math.cos(math.pi * progress))

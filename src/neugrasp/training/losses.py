@@ -27,13 +27,13 @@ def photometric_loss(rendered: Rendered, colour: Tensor, behind: Tensor) -> Tens
 
 
 def carving_loss(
-    weights: Tensor, middles: Tensor, rays: Rays, labels: Tensor, workspace: Workspace
+    weights: Tensor, midpoints: Tensor, rays: Rays, labels: Tensor, workspace: Workspace
 ) -> Tensor:
     """Cross-entropy of the opacity above the table, half for objects' pixels, half for the table's.
 
-    weights, middles (r, s - 1) of intervals along the rays; labels (r,) of `change_labels`.
+    weights, midpoints (r, s - 1) of intervals along the rays; labels (r,) of `change_labels`.
     """
-    heights = rays.origins[:, 2:] + middles * rays.directions[:, 2:]
+    heights = rays.origins[:, 2:] + midpoints * rays.directions[:, 2:]
     above = (heights > workspace.table_height + CARVING_CLEARANCE).to(weights)
     opacity = (weights * above).sum(1).clamp(1e-4, 1 - 1e-4)
     terms = []
@@ -83,6 +83,41 @@ def tsdf_loss(sdf: Tensor, truth: Tensor, observed: Tensor) -> Tensor:
     """
     error = F.smooth_l1_loss(torch.where(truth >= 1, sdf.clamp(max=1), sdf), truth, reduction="none")
     return (error * observed).sum() / observed.sum().clamp(min=1)
+
+
+BAND, BAND_WEIGHT, INSIDE_WEIGHT = 0.99, 5.0, 1.7
+"""Voxels whose true distance is less than this count as near the surface, and so many times as much; those
+inside as much again. A plain mean lets a surface that is uncertain vanish: most voxels are far outside."""
+STEEPNESS = 4.0
+"""The logit of being inside is -4 sdf: 0.88 half a truncation inside."""
+
+
+def distance_loss(sdf: Tensor, truth: Tensor, heights: Tensor, workspace: Workspace) -> Tensor:
+    """Weighted smooth L1 (beta 0.1) of signed distances to those of the meshes, above the table.
+
+    sdf, truth (k, r) in truncation units; heights (r,) of the voxels, metres. Beyond the truncation there is
+    no error on the right side of it.
+    """
+    beyond = ((truth >= 1) & (sdf > 1)) | ((truth <= -1) & (sdf < -1))
+    error = F.smooth_l1_loss(torch.where(beyond, truth, sdf), truth, reduction="none", beta=0.1)
+    return _near_surface_mean(error, truth, heights, workspace)
+
+
+def occupancy_loss(sdf: Tensor, truth: Tensor, heights: Tensor, workspace: Workspace) -> Tensor:
+    """Weighted cross-entropy of being inside the meshes, above the table; shapes as in `distance_loss`.
+
+    Unlike a regression it does not average an uncertain surface away.
+    """
+    logits = -STEEPNESS * sdf.clamp(-2, 2)
+    inside = (truth < 0).to(logits)
+    error = F.binary_cross_entropy_with_logits(logits, inside, reduction="none")
+    return _near_surface_mean(error, truth, heights, workspace)
+
+
+def _near_surface_mean(error: Tensor, truth: Tensor, heights: Tensor, workspace: Workspace) -> Tensor:
+    near = 1 + (BAND_WEIGHT - 1) * (truth.abs() < BAND)
+    weights = near * (1 + (INSIDE_WEIGHT - 1) * (truth < 0)) * (heights > workspace.table_height)
+    return (weights * error).sum() / weights.sum().clamp(min=1)
 
 
 def grasp_loss(volume: GraspVolume, labels: list[GraspLabels]) -> Tensor:

@@ -24,9 +24,9 @@ def save_progress_picture(path: Path, model: NeuGrasp, sample: Sample, sharpness
     reconstruction, volume = reconstruct(model, sample)
     image, photo = render_view(model, reconstruction, sample.targets, 0, sharpness)
     workspace = model.workspace
-    truth, tsdf = sample.truth.tsdf.numpy(), reconstruction.tsdf.numpy()
+    truth, tsdf = sample.truth.tsdf.numpy(), reconstruction.tsdf.cpu().numpy()
     slice_at = busiest_slice(truth, workspace)
-    quality = np.rot90(volume.quality[0].max(dim=1).values.numpy())
+    quality = np.rot90(volume.quality[0].max(dim=1).values.cpu().numpy())
     tiles = [
         Tile(_bytes(photo), "held-out photo"),
         Tile(_bytes(image), "rendered"),

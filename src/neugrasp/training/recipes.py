@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from neugrasp.errors import InputError
 from neugrasp.model.config import ModelConfig
-from neugrasp.training.config import LossWeights, TrainConfig
+from neugrasp.training.config import LossWeights, Optimiser, TrainConfig
 
 
 def small() -> TrainConfig:
@@ -28,10 +28,9 @@ def small() -> TrainConfig:
         weights=LossWeights(rehearsal=0.01, carving=0.1, grid_carving=0.3, table=0.1),
         steps=9_000,
         head_steps=5_000,
-        learning_rate=1e-3,
-        head_learning_rate=1e-3,
-        schedule="cosine",
-        average=0.998,
+        optimiser=Optimiser(
+            learning_rate=1e-3, head_learning_rate=1e-3, schedule="cosine", average=0.998
+        ),
         rays=128,
         validate_every=1_000,
         bfloat16=True,
@@ -61,6 +60,22 @@ def tsdf() -> TrainConfig:
     """The control: `small` with the TSDF itself as supervision."""
     weights = replace(small().weights, carving=0.0, grid_carving=0.0, table=0.0, tsdf=1.0)
     return replace(small(), weights=weights)
+
+
+def geometry() -> TrainConfig:
+    """Surfaces from the meshes themselves, in simulation only: cheap steps without rays, no grasps."""
+    weights = LossWeights(
+        photometric=0, eikonal=0, grasp=0, carving=0, grid_carving=0, distance=1.0, occupancy=0.1
+    )
+    return replace(
+        small(), weights=weights, steps=4_000, head_steps=0, columns=320, min_views=1, validate_every=500
+    )
+
+
+def sim() -> TrainConfig:
+    """`geometry` gone on with (`--init`): the whole grid and the grasps read from it."""
+    weights = replace(geometry().weights, grasp=0.05, rehearsal=0.01, eikonal=0.01)
+    return replace(geometry(), weights=weights, columns=0)
 
 
 def without_attention() -> TrainConfig:
@@ -107,6 +122,8 @@ RECIPES: dict[str, Callable[[], TrainConfig]] = {
     "head": head,
     "paper": paper,
     "tsdf": tsdf,
+    "geometry": geometry,
+    "sim": sim,
     "without-attention": without_attention,
     "without-occupancy": without_occupancy,
     "without-backgrounds": without_backgrounds,

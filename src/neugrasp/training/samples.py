@@ -13,8 +13,7 @@ from neugrasp.geometry.sampling import CameraTensors
 from neugrasp.geometry.symmetry import Symmetry
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.inputs import ViewTensors, crop_view, to_tensor
-from neugrasp.training.change import change_labels
-from neugrasp.views import View
+from neugrasp.views import View, Views
 
 
 @dataclass(frozen=True)
@@ -45,10 +44,13 @@ class Truth:
     """(r, r, r); for the head's stage, the control recipe and validation. No other loss reads it."""
     observed: Tensor
     """(r, r, r) bool."""
+    distance: Tensor | None = None
+    """(r, r, r) signed distance of the meshes, where the record has it: what geometry supervision reads."""
 
     def to(self, device: torch.device | str) -> Truth:
         """The same truth on another device."""
-        return Truth(self.labels.to(device), self.tsdf.to(device), self.observed.to(device))
+        distance = None if self.distance is None else self.distance.to(device)
+        return Truth(self.labels.to(device), self.tsdf.to(device), self.observed.to(device), distance)
 
 
 @dataclass(frozen=True)
@@ -88,37 +90,41 @@ class PreparedView:
     """(s, s) int8 of `change_labels`."""
 
 
-@dataclass(frozen=True)
-class PreparedRecord:
-    """A record with its photos prepared."""
+def crop_views(record: Record, workspace: Workspace, size: int) -> tuple[tuple[View, ...], tuple[View, ...]]:
+    """Inputs and targets of a record, cropped to the workspace at size x size."""
 
-    record: Record
-    inputs: tuple[PreparedView, ...]
-    targets: tuple[PreparedView, ...]
+    def cropped(views: Views) -> tuple[View, ...]:
+        boxes = [workspace.photo_box(view.camera) for view in views.views]
+        return tuple(
+            crop_view(view, view.camera, box, size) for view, box in zip(views.views, boxes, strict=True)
+        )
 
-
-def prepare_record(record: Record, workspace: Workspace, size: int) -> PreparedRecord:
-    """Crops every photo of the record to size x size and finds what changed in it."""
-
-    def prepared(view: View) -> PreparedView:
-        cropped = crop_view(view, view.camera, workspace.photo_box(view.camera), size)
-        return PreparedView(cropped, change_labels(cropped.image, cropped.background))
-
-    return PreparedRecord(
-        record,
-        tuple(prepared(view) for view in record.views(workspace).views),
-        tuple(prepared(view) for view in record.target_views(workspace).views),
-    )
+    return cropped(record.views(workspace)), cropped(record.target_views(workspace))
 
 
-def sample_of(prepared: PreparedRecord, workspace: Workspace, rng: np.random.Generator | None) -> Sample:
-    """A training sample; with a generator it is augmented, without it is the record as it stands."""
+def sample_of(
+    record: Record,
+    groups: tuple[tuple[PreparedView, ...], tuple[PreparedView, ...]],
+    workspace: Workspace,
+    rng: np.random.Generator | None,
+) -> Sample:
+    """A training sample of a record whose inputs and targets are prepared.
+
+    With a generator it is augmented, without it is the record as it stands.
+    """
     symmetry = Symmetry() if rng is None else Symmetry.random(rng)
-    inputs = _photos(prepared.inputs, symmetry, workspace)
-    targets = _photos(prepared.targets, symmetry, workspace)
+    inputs, targets = (_photos(group, symmetry, workspace) for group in groups)
     if rng is not None:
         inputs, targets = _jitter([inputs, targets], rng)
-    return Sample(inputs, targets, truth_of(prepared.record, symmetry, workspace))
+    return Sample(inputs, targets, truth_of(record, symmetry, workspace))
+
+
+def plain_sample(record: Record, workspace: Workspace, size: int) -> Sample:
+    """A record as it stands, without labels of what changed in its photos: for validation."""
+    groups = crop_views(record, workspace, size)
+    unsure = np.full((size, size), -1, np.int8)
+    inputs, targets = (tuple(PreparedView(view, unsure) for view in group) for group in groups)
+    return sample_of(record, (inputs, targets), workspace, None)
 
 
 def truth_of(record: Record, symmetry: Symmetry, workspace: Workspace) -> Truth:
@@ -127,6 +133,7 @@ def truth_of(record: Record, symmetry: Symmetry, workspace: Workspace) -> Truth:
         _labels(record, symmetry, workspace),
         torch.from_numpy(symmetry.of_grid(record.tsdf.astype(np.float32))),
         torch.from_numpy(symmetry.of_grid(record.observed)),
+        None if record.distance is None else torch.from_numpy(symmetry.of_grid(record.distance)),
     )
 
 

@@ -6,7 +6,7 @@ import json
 import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -36,10 +36,10 @@ class Learner:
 
         def averaged(average: Tensor, now: Tensor, count: Tensor | int) -> Tensor:
             # A young average forgets its random start sooner.
-            decay = min(config.average, (1 + int(count)) / (10 + int(count)))
+            decay = min(config.optimiser.average, (1 + int(count)) / (10 + int(count)))
             return torch.lerp(now, average, decay)
 
-        optimizer = torch.optim.Adam(model.parameters(), lr=config.learning_rate)
+        optimizer = torch.optim.Adam(model.parameters(), lr=config.optimiser.learning_rate)
         return cls(model, AveragedModel(model, avg_fn=averaged), optimizer)
 
     def update(self, gradient_clip: float) -> None:
@@ -55,7 +55,41 @@ class Learner:
         return cast(NeuGrasp, self.average.module)
 
 
-def save_state(folder: Path, learner: Learner, step: int, config: TrainConfig) -> None:
+@dataclass(frozen=True)
+class Identity:
+    """What a run that goes on must share with the one that stopped."""
+
+    config: TrainConfig
+    data: str
+    """A hash of the training data."""
+    init: str | None = None
+    """The weights that it began with."""
+
+    def differences(self, saved: dict[str, Any]) -> list[str]:
+        """Which of the saved facts are others now; how long a run is and how often it reports may change."""
+        now = self.facts()
+        return sorted(key for key in now if now[key] != saved.get(key))
+
+    def facts(self) -> dict[str, Any]:
+        """As plain data, nested names joined with dots."""
+        facts = _flat(asdict(self.config)) | {"data": self.data, "init": self.init}
+        return {key: value for key, value in facts.items() if key not in MAY_CHANGE}
+
+
+MAY_CHANGE = ("steps", "checkpoint_every", "validate_every", "validation_scenes")
+
+
+def _flat(data: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in data.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{prefix}{key}.")
+        else:
+            flat[prefix + key] = list(value) if isinstance(value, tuple) else value
+    return flat
+
+
+def save_state(folder: Path, learner: Learner, step: int, identity: Identity) -> None:
     """Writes weights, their average, Adam's moments and the number of finished steps, whole or not at all."""
     model, optimizer = learner.model, learner.optimizer
     names = {id(parameter): name for name, parameter in model.named_parameters()}
@@ -64,7 +98,7 @@ def save_state(folder: Path, learner: Learner, step: int, config: TrainConfig) -
     for parameter, moments in optimizer.state.items():
         for key, value in moments.items():
             tensors[f"adam.{key}.{names[id(parameter)]}"] = torch.as_tensor(value)
-    metadata = {"step": str(step), "config": _fingerprint(config)}
+    metadata = {"step": str(step), "identity": json.dumps(identity.facts(), sort_keys=True)}
     temporary = folder / f".{STATE}.{os.getpid()}"
     try:
         save_file(
@@ -77,34 +111,39 @@ def save_state(folder: Path, learner: Learner, step: int, config: TrainConfig) -
         temporary.unlink(missing_ok=True)
 
 
-def load_state(folder: Path, learner: Learner, config: TrainConfig) -> int:
+def load_state(folder: Path, learner: Learner, identity: Identity) -> int:
     """Puts a saved state back and gives the number of finished steps; 0 where nothing was saved.
 
-    Raises `InputError` where the state is damaged or belongs to another configuration.
+    Raises `InputError` where the state is damaged or belongs to another configuration or other data.
     """
     path = folder / STATE
     if not path.is_file():
         return 0
     try:
         with safe_open(path, framework="pt") as file:
-            metadata = file.metadata()
+            metadata = file.metadata() or {}
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); remove it to start again") from error
-    if metadata["config"] != _fingerprint(config):
+        saved, step = json.loads(metadata["identity"]), int(metadata["step"])
+        differences = identity.differences(saved)
+    except (SafetensorError, OSError, ValueError, KeyError, AttributeError) as error:
+        raise InputError(f"{path}: cannot be read ({error!r}); remove it to start again") from error
+    if differences:
         raise InputError(
-            f"{path}: belongs to a run of another recipe, number of steps or seed; "
-            f"continue with the same or choose another --out"
+            f"{path}: belongs to a run with other values of {', '.join(differences)}; go on with the same, or "
+            f"choose another --out (and --init {folder / 'weights.safetensors'} to start from its weights)"
         )
-    learner.model.load_state_dict(_under(tensors, "model."))
-    learner.average.load_state_dict(_under(tensors, "average."))
-    for name, parameter in learner.model.named_parameters():
-        keys = ("step", "exp_avg", "exp_avg_sq")
-        if f"adam.step.{name}" in tensors:
-            learner.optimizer.state[parameter] = {
-                key: tensors[f"adam.{key}.{name}"].to(_place(key, parameter)) for key in keys
-            }
-    return int(metadata["step"])
+    try:
+        learner.model.load_state_dict(_under(tensors, "model."))
+        learner.average.load_state_dict(_under(tensors, "average."))
+        for name, parameter in learner.model.named_parameters():
+            if f"adam.step.{name}" in tensors:
+                moments = {key: tensors[f"adam.{key}.{name}"] for key in ("step", "exp_avg", "exp_avg_sq")}
+                learner.optimizer.state[parameter] = {
+                    key: value.to(_place(key, parameter)) for key, value in moments.items()
+                }
+    except (RuntimeError, KeyError) as error:
+        raise InputError(f"{path}: damaged ({error}); remove it to start again") from error
+    return step
 
 
 def _place(key: str, parameter: Tensor) -> torch.device:
@@ -113,7 +152,3 @@ def _place(key: str, parameter: Tensor) -> torch.device:
 
 def _under(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
     return {name[len(prefix) :]: tensor for name, tensor in tensors.items() if name.startswith(prefix)}
-
-
-def _fingerprint(config: TrainConfig) -> str:
-    return json.dumps(asdict(config), sort_keys=True)

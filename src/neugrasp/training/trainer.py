@@ -12,25 +12,29 @@ from typing import Any, TypeVar
 
 import numpy as np
 import torch
+from torch import nn
 
-from neugrasp.data.records import Record
 from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.geometry.symmetry import Symmetry
 from neugrasp.long_runs import source_commit
 from neugrasp.model.checkpoint import load_checkpoint, save_checkpoint
 from neugrasp.model.network import NeuGrasp
 from neugrasp.training.config import TrainConfig
-from neugrasp.training.data import TrainingSet, read_records
+from neugrasp.training.dataset import Batch, Records, Scenes, Steps, identity_of, loader, open_records
+from neugrasp.training.distributed import Ranks, joined_ranks
 from neugrasp.training.log import TrainingLog
+from neugrasp.training.module import TrainingModule, bfloat16_pays
 from neugrasp.training.progress_picture import save_progress_picture
 from neugrasp.training.recipes import recipe
 from neugrasp.training.samples import Sample, Truth
-from neugrasp.training.state import Learner, load_state, save_state
-from neugrasp.training.step import bfloat16_pays, head_loss, joint_losses, total
+from neugrasp.training.state import Identity, Learner, load_state, save_state
 from neugrasp.training.validation import validate, validate_head
 
 log = logging.getLogger(__name__)
 
 T = TypeVar("T")
+HELD_OUT = 20
+"""One scene of so many is kept aside for validation where no folder is given for it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,8 +57,8 @@ class TrainRun:
     seed: int = 0
     scenes: int | None = None
     """So many of all scenes, evenly spread; by default all."""
-    compile: bool = False
-    """Compiles what is slow of the network first, for steps on a CPU."""
+    loaders: int = 1
+    """Processes that prepare scenes while a step runs; 0: none."""
 
 
 def configured(run: TrainRun) -> TrainConfig:
@@ -80,32 +84,57 @@ def train(run: TrainRun, stop_after: int | None = None) -> Path:
     model = NeuGrasp(config.model)
     if run.init:
         _start_from(model, run.init)
-    model.to(run.device).train()
-    if run.compile:
-        model.field.fuse()
-    learner = Learner.of(model, config)
-    start = load_state(run.out, learner, config)
-    data, held_out = _open_data(run, config)
-    records = TrainingLog(run.out, start)
-    last = min(config.steps, stop_after or config.steps)
+    with joined_ranks(run.device) as ranks:
+        model.to(ranks.device).train()
+        learner = Learner.of(model, config)
+        scenes, held_out = _open_data(run, config)
+        identity = Identity(config, identity_of(scenes), run.init and Path(run.init).name)
+        start = load_state(run.out, learner, identity)
+        last = min(config.steps, stop_after or config.steps)
+        if start < last:
+            _train(_Run(run, config, ranks, learner, identity, held_out, len(scenes)), scenes, start, last)
+        weights = run.out / "weights.safetensors"
+        if ranks.leads:
+            save_checkpoint(weights, learner.smooth, _about(run, config, last, len(scenes)))
+    return weights
+
+
+@dataclass(frozen=True)
+class _Run:
+    """What stays the same from step to step."""
+
+    run: TrainRun
+    config: TrainConfig
+    ranks: Ranks
+    learner: Learner
+    identity: Identity
+    held_out: _HeldOut
+    num_scenes: int
+
+
+def _train(this: _Run, scenes: Scenes, start: int, last: int) -> None:
+    """Steps `start` to `last`."""
+    config, ranks, learner, out = this.config, this.ranks, this.learner, this.run.out
+    module = ranks.wrap(TrainingModule(learner.model, config, ranks.rank))
+    steps = Steps(scenes, config, ranks.rank, ranks.count)
+    records = TrainingLog(out, start) if ranks.leads else None
     began = time.monotonic()
     try:
-        for step in range(start, last):
-            losses = _step(learner, data, config, step)
+        for step, batch in enumerate(loader(steps, start, last, this.run.loaders), start):
+            losses = _step(module, learner, batch.to(ranks.device), config, step)
+            if records is None:
+                continue
             records.step(step, losses, config.learning_rate_at(step))
             done = step + 1
-            if held_out and (done % config.validate_every == 0 or done == config.steps):
-                _validate(learner.smooth, config, run, held_out, done, records)
+            if this.held_out and (done % config.validate_every == 0 or done == config.steps):
+                _validate(this, done, records)
             # The state comes last: a run killed before it validates again, one killed after it has done so.
             if done % config.checkpoint_every == 0 or done == config.steps:
-                save_state(run.out, learner, done, config)
+                save_state(out, learner, done, this.identity)
                 _show_progress(done, config, losses, (time.monotonic() - began) / (done - start))
     finally:
-        data.close()
-        records.close()
-    weights = run.out / "weights.safetensors"
-    save_checkpoint(weights, learner.smooth, _about(run, config, last, len(data)))
-    return weights
+        if records is not None:
+            records.close()
 
 
 def _check_out(run: TrainRun) -> None:
@@ -138,10 +167,10 @@ def _start_from(model: NeuGrasp, weights: str) -> None:
 class _HeldOut:
     """Some scenes that are not trained on."""
 
-    def __init__(self, records: list[Record], config: TrainConfig):
-        self._data = TrainingSet(records, config.model.image_size, config.seed)
-        self._with_photos = _spread(self._data.photographed, config.validation_scenes)
-        self._any = _spread(range(len(records)), 10 * config.validation_scenes)
+    def __init__(self, scenes: Scenes, config: TrainConfig):
+        self._scenes = scenes
+        self._with_photos = _spread(scenes.photographed, config.validation_scenes)
+        self._any = _spread(range(len(scenes)), 10 * config.validation_scenes)
 
     def __bool__(self) -> bool:
         return bool(self._any)
@@ -149,12 +178,12 @@ class _HeldOut:
     @cached_property
     def samples(self) -> list[Sample]:
         """With photos; made when first asked for."""
-        return [self._data.plain(index) for index in self._with_photos]
+        return [self._scenes.sample(index, None) for index in self._with_photos]
 
     @cached_property
     def truths(self) -> list[Truth]:
         """With or without photos, and more of them: the head is quick."""
-        return [self._data.plain_truth(index) for index in self._any]
+        return [self._scenes.truth(index, Symmetry()) for index in self._any]
 
 
 def _spread(things: Sequence[T], count: int) -> list[T]:
@@ -163,72 +192,61 @@ def _spread(things: Sequence[T], count: int) -> list[T]:
     return [things[place] for place in places.tolist()]
 
 
-def _open_data(run: TrainRun, config: TrainConfig) -> tuple[TrainingSet, _HeldOut]:
-    """The training set, and what is validated on."""
-    records = _read_all(run.data)
+def _open_data(run: TrainRun, config: TrainConfig) -> tuple[Scenes, _HeldOut]:
+    """The training scenes, and what is validated on."""
+    folders = [_places(folder) for folder in run.data]
+    places = [place for folder in folders for place in folder]
     if run.scenes is not None:
-        if not 1 <= run.scenes <= len(records):
-            raise InputError(f"--scenes {run.scenes}: --data holds 1 to {len(records)}")
-        records = _spread(records, run.scenes)
+        if not 1 <= run.scenes <= len(places):
+            raise InputError(f"--scenes {run.scenes}: --data holds 1 to {len(places)}")
+        places = _spread(places, run.scenes)
     if run.validation:
-        held = _read_all(run.validation)
+        held = [place for folder in run.validation for place in _places(folder)]
     else:
-        keep = len(records) - len(records) // 20
-        records, held = records[:keep], records[keep:]
-    data = TrainingSet(records, config.model.image_size, config.seed)
-    if config.steps > config.head_steps and not data.photographed:
-        folders = ", ".join(map(str, run.data))
-        raise InputError(f"{folders}: no scene has photos; recipe {run.recipe} needs some, head none")
-    return data, _HeldOut(held, config)
+        # Of every folder, so that each kind of scene is validated on.
+        held = places[HELD_OUT - 1 :: HELD_OUT]
+        places = [place for index, place in enumerate(places) if index % HELD_OUT != HELD_OUT - 1]
+    size, finds_changes = config.model.image_size, config.weights.finds_changes
+    scenes = Scenes(places, size, finds_changes)
+    if config.steps > config.head_steps and not scenes.photographed:
+        names = ", ".join(map(str, run.data))
+        raise InputError(f"{names}: no scene has photos; recipe {run.recipe} needs some, head none")
+    return scenes, _HeldOut(Scenes(held, size, finds_changes), config)
 
 
-def _read_all(folders: tuple[Path, ...]) -> list[Record]:
-    return [record for folder in folders for record in read_records(folder)]
+def _places(folder: Path) -> list[tuple[Records, int]]:
+    records = open_records(folder)
+    return [(records, index) for index in range(len(records))]
 
 
-def _step(learner: Learner, data: TrainingSet, config: TrainConfig, step: int) -> dict[str, float]:
+def _step(
+    module: nn.Module, learner: Learner, batch: Batch, config: TrainConfig, step: int
+) -> dict[str, float]:
     """One update; everything random in it follows from the seed and the step's number."""
-    model = learner.model
-    generator = torch.Generator().manual_seed(config.seed * 1_000_003 + step)
     for group in learner.optimizer.param_groups:
         group["lr"] = config.learning_rate_at(step)
-    device = next(model.parameters()).device
+    device = next(learner.model.parameters()).device
     reduced = config.bfloat16 and bfloat16_pays(device)
     with torch.autocast(device.type, torch.bfloat16, enabled=reduced):
-        if step < config.head_steps:
-            losses = {"grasp": head_loss(model, _truths(data, config, step), generator)}
-        else:
-            sample = data.take(step - config.head_steps).to(device)
-            losses = joint_losses(model, sample, config, config.sharpness_at(step), generator)
-            if config.weights.rehearsal:
-                losses["rehearsal"] = head_loss(model, _truths(data, config, step), generator)
-        loss = total(losses, config)
-    if not torch.isfinite(loss):
-        raise NeuGraspError(
-            f"step {step}: the loss is {float(loss.detach())}; the last state before it is kept"
-        )
-    loss.backward()
-    learner.update(config.gradient_clip)
-    return {"loss": float(loss.detach()), **{name: float(value.detach()) for name, value in losses.items()}}
+        losses = module(batch, step)
+    # One transfer, so that a device waits for the processor once in a step.
+    values = dict(zip(losses, torch.stack([*losses.values()]).detach().tolist(), strict=True))
+    if not np.isfinite(values["loss"]):
+        raise NeuGraspError(f"step {step}: the loss is {values['loss']}; the last state before it is kept")
+    losses["loss"].backward()
+    learner.update(config.optimiser.gradient_clip)
+    return values
 
 
-def _truths(data: TrainingSet, config: TrainConfig, step: int) -> list[Truth]:
-    return data.truths_at(step * config.head_batch, config.head_batch)
-
-
-def _validate(
-    model: NeuGrasp, config: TrainConfig, run: TrainRun, held_out: _HeldOut, step: int, records: TrainingLog
-) -> None:
-    device = next(model.parameters()).device
-    model.to("cpu")
-    scores = validate_head(model, held_out.truths)
+def _validate(this: _Run, step: int, records: TrainingLog) -> None:
+    model, config, out = this.learner.smooth, this.config, this.run.out
+    scores = validate_head(model, this.held_out.truths)
     sharpness = config.sharpness_at(step)
-    if held_out.samples and step > config.head_steps:
-        scores |= validate(model, held_out.samples, sharpness)
-        save_progress_picture(run.out / f"progress_{step:06d}.png", model, held_out.samples[0], sharpness)
+    if this.held_out.samples and step > config.head_steps:
+        scores |= validate(model, this.held_out.samples, sharpness, render=config.weights.renders)
+        save_progress_picture(out / f"progress_{step:06d}.png", model, this.held_out.samples[0], sharpness)
     records.validation(step, scores)
-    save_checkpoint(run.out / "weights.safetensors", model, _about(run, config, step, 0))
-    model.to(device)
+    save_checkpoint(out / "weights.safetensors", model, _about(this.run, config, step, this.num_scenes))
     log.info("step %d validation: %s", step, {name: round(value, 3) for name, value in scores.items()})
 
 

@@ -39,7 +39,8 @@ class Scores:
 @torch.no_grad()
 def reconstruct(model: NeuGrasp, sample: Sample) -> tuple[Reconstruction, GraspVolume]:
     """Surface and grasps of a sample's input views."""
-    result: tuple[Reconstruction, GraspVolume] = model(sample.inputs.views)
+    device = next(model.parameters()).device
+    result: tuple[Reconstruction, GraspVolume] = model(sample.inputs.views.to(device))
     return result
 
 
@@ -51,7 +52,9 @@ def render_view(
     size = photos.views.images.shape[-1]
     axis = torch.arange(RENDER_STRIDE // 2, size, RENDER_STRIDE)
     row, column = torch.meshgrid(axis, axis, indexing="ij")
-    pixels = torch.stack([column.flatten(), row.flatten()], dim=1).float()
+    device = reconstruction.sdf.device
+    photos = photos.to(device)
+    pixels = torch.stack([column.flatten(), row.flatten()], dim=1).float().to(device)
     rays = cut_to_workspace(*photos.views.cameras.rays(view, pixels), model.workspace)
     image = photos.views.backgrounds[view][:, row, column].flatten(1).T.clone()
     hits = torch.nonzero(rays.far > rays.near).squeeze(1)
@@ -60,16 +63,17 @@ def render_view(
         image[chunk] = fine.colour + (1 - fine.opacity).clamp(min=0).unsqueeze(1) * image[chunk]
     count = len(axis)
     truth = photos.views.images[view][:, row, column].permute(1, 2, 0)
-    return image.reshape(count, count, 3).clamp(0, 1).numpy(), truth.numpy()
+    return image.reshape(count, count, 3).clamp(0, 1).cpu().numpy(), truth.cpu().numpy()
 
 
 def grasp_scores(volume: GraspVolume, labels: GraspLabels) -> dict[str, float]:
     """AUC of the quality at the labelled voxels, and the mean rotation error of the successes in degrees."""
+    labels = labels.to(volume.quality.device)
     x, y, z = labels.index.unbind(1)
-    quality = volume.quality[0, x, y, z].numpy()
-    success = labels.success.numpy()
+    quality = volume.quality[0, x, y, z].cpu().numpy()
+    success = labels.success.cpu().numpy()
     similarity = 1 - rotation_distance(volume.rotation[0, :, x, y, z].T, labels.quaternions)
-    degrees = 2 * np.rad2deg(np.arccos(similarity.clamp(0, 1).numpy()))
+    degrees = 2 * np.rad2deg(np.arccos(similarity.clamp(0, 1).cpu().numpy()))
     error = float(degrees[success].mean()) if success.any() else float("nan")
     return {"grasp_auc": area_under_roc(quality, success), "rotation_error_deg": error}
 
@@ -78,8 +82,9 @@ def grasp_scores(volume: GraspVolume, labels: GraspLabels) -> dict[str, float]:
 def validate_head(model: NeuGrasp, truths: list[Truth]) -> dict[str, float]:
     """Means over scenes: AUC and rotation error of the grasp head on the true grids."""
     scores = Scores()
+    device = next(model.parameters()).device
     for truth in truths:
-        found = grasp_scores(model.head(truth.tsdf.unsqueeze(0)), truth.labels)
+        found = grasp_scores(model.head(truth.tsdf.unsqueeze(0).to(device)), truth.labels)
         scores.add(**{f"true_grid_{name}": value for name, value in found.items()})
     return scores.means()
 
@@ -94,7 +99,7 @@ def validate(
     table = int(model.workspace.table_height / model.workspace.voxel_size) + 1
     for sample in samples:
         reconstruction, volume = reconstruct(model, sample)
-        truth, tsdf = sample.truth.tsdf.numpy(), reconstruction.tsdf.numpy()
+        truth, tsdf = sample.truth.tsdf.numpy(), reconstruction.tsdf.cpu().numpy()
         scores.add(**{f"l1_{a}": value for a, value in l1_by_mask(tsdf, truth).items()})
         for constant in CONSTANTS:
             scores.add(**{f"l1_0.3_constant_{constant:+.0f}": l1_by_mask(constant, truth)["0.3"]})

@@ -1,19 +1,26 @@
-"""One step of each stage: a sample in, named losses out."""
+"""What a step computes: a batch in, named losses out, in one module that DDP and compile can wrap."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 import torch.nn.functional as F
-from torch import Tensor
+from torch import Tensor, nn
 
+from neugrasp.errors import InputError
+from neugrasp.model.field import EncodedViews
 from neugrasp.model.network import NeuGrasp, Reconstruction
 from neugrasp.model.rendering import Rays, cut_to_workspace
 from neugrasp.training.change import TABLE
 from neugrasp.training.config import TrainConfig
+from neugrasp.training.dataset import Batch
 from neugrasp.training.losses import (
     carving_loss,
+    distance_loss,
     eikonal_loss,
     grasp_loss,
+    occupancy_loss,
     photometric_loss,
     table_loss,
     tsdf_loss,
@@ -32,6 +39,36 @@ def bfloat16_pays(device: torch.device) -> bool:
     return device.type != "cpu" or torch.backends.cpu.get_cpu_capability() == "AVX512"
 
 
+class TrainingModule(nn.Module):
+    """The network and its losses: `forward` is all that a training loop calls."""
+
+    def __init__(self, network: NeuGrasp, config: TrainConfig, rank: int = 0):
+        super().__init__()
+        self.network = network
+        self.config = config
+        self.rank = rank
+
+    def forward(self, batch: Batch, step: int) -> Losses:
+        """The terms of the loss by name, and their weighted sum as "loss"; means over the batch's scenes.
+
+        Everything random in them follows from the seed, the step and the rank.
+        """
+        config = self.config
+        # A prime apart, so that no rank draws what another does a few steps later.
+        seed = config.seed * 1_000_003 + step + self.rank * 15_485_863
+        generator = torch.Generator().manual_seed(seed)
+        from_meshes = bool(config.weights.distance)
+        if not batch.samples:
+            losses = {"grasp": head_loss(self.network, batch.truths, from_meshes, generator)}
+        else:
+            sharpness = config.sharpness_at(step)
+            each = [joint_losses(self.network, one, config, sharpness, generator) for one in batch.samples]
+            losses = {name: torch.stack([one[name] for one in each]).mean() for name in each[0]}
+            if config.weights.rehearsal:
+                losses["rehearsal"] = head_loss(self.network, batch.truths, from_meshes, generator)
+        return {"loss": total(losses, config), **losses}
+
+
 def total(losses: Losses, config: TrainConfig) -> Tensor:
     """The weighted sum of the terms."""
     weights = config.weights
@@ -39,25 +76,30 @@ def total(losses: Losses, config: TrainConfig) -> Tensor:
     return torch.stack(terms).sum()
 
 
-def head_loss(model: NeuGrasp, truths: list[Truth], generator: torch.Generator) -> Tensor:
-    """The grasp head alone, on true TSDFs made imperfect the way predictions are."""
-    device = next(model.parameters()).device
-    grids = torch.stack([imperfect(truth.tsdf, generator) for truth in truths]).to(device)
-    return grasp_loss(model.head(grids), [truth.labels.to(device) for truth in truths])
+def head_loss(model: NeuGrasp, truths: Sequence[Truth], from_meshes: bool, generator: torch.Generator) -> Tensor:
+    """The grasp head alone, on true grids made imperfect the way predictions are.
+
+    `from_meshes` takes the distance to the meshes where a scene has it, as `distance_loss` does.
+    """
+    grids = [
+        truth.distance if from_meshes and truth.distance is not None else truth.tsdf for truth in truths
+    ]
+    volume = model.head(torch.stack([imperfect(grid, generator) for grid in grids]))
+    return grasp_loss(volume, [truth.labels for truth in truths])
 
 
 def imperfect(tsdf: Tensor, generator: torch.Generator) -> Tensor:
     """A TSDF (r, r, r) blurred by up to a voxel, with bumps of several voxels and a little noise."""
     resolution = tsdf.shape[0]
     blur, bumps, noise = (torch.rand(3, generator=generator) * torch.tensor([1.0, 0.25, 0.05])).tolist()
-    coarse = torch.randn((1, 1, 8, 8, 8), generator=generator)
+    coarse = torch.randn((1, 1, 8, 8, 8), generator=generator).to(tsdf)
     smooth = F.interpolate(coarse, size=(resolution,) * 3, mode="trilinear", align_corners=False)[0, 0]
-    fine = torch.randn(tsdf.shape, generator=generator)
+    fine = torch.randn(tsdf.shape, generator=generator).to(tsdf)
     return (_blurred(tsdf, blur) + bumps * smooth + noise * fine).clamp(-1, 1)
 
 
 def _blurred(grid: Tensor, sigma: float) -> Tensor:
-    offsets = torch.arange(-3, 4, dtype=grid.dtype)
+    offsets = torch.arange(-3, 4, dtype=grid.dtype, device=grid.device)
     kernel = torch.exp(-0.5 * (offsets / max(sigma, 1e-3)) ** 2)
     kernel = kernel / kernel.sum()
     x = grid.reshape(1, 1, *grid.shape)
@@ -75,8 +117,12 @@ def joint_losses(
 ) -> Losses:
     """Photos to surface to grasps, with every term that has a weight."""
     weights = config.weights
-    inputs = _some_views(sample.inputs, config.view_dropout, generator)
-    reconstruction = _reconstruct(model, inputs)
+    inputs = _some_views(sample.inputs, config, generator)
+    scene = _encode(model, inputs)
+    if not weights.needs_grid:
+        return _geometry_losses(model, scene, _random_columns(model, config, generator), sample.truth)
+    sdf = model.sdf_columns(scene).reshape((model.workspace.resolution,) * 3)
+    reconstruction = Reconstruction(scene, sdf, scene.seen.any(0).reshape(sdf.shape))
     losses: Losses = {}
     if weights.grasp:
         losses["grasp"] = grasp_loss(model.head(reconstruction.tsdf.unsqueeze(0)), [sample.truth.labels])
@@ -84,8 +130,10 @@ def joint_losses(
         losses["eikonal"] = eikonal_loss(reconstruction.sdf, reconstruction.seen, model.workspace)
     if weights.tsdf:
         losses["tsdf"] = tsdf_loss(reconstruction.sdf, sample.truth.tsdf, sample.truth.observed)
+    if weights.distance or weights.occupancy:
+        losses |= _geometry_losses(model, scene, None, sample.truth, sdf.flatten(0, 1))
     steepness = model.sharpness(sharpness)
-    if weights.photometric:
+    if weights.renders:
         losses["photometric"], losses["carving"] = _target_losses(
             model, reconstruction, sample.targets, steepness, config, generator
         )
@@ -96,21 +144,49 @@ def joint_losses(
     return losses
 
 
-def _reconstruct(model: NeuGrasp, inputs: Photos) -> Reconstruction:
+def _geometry_losses(
+    model: NeuGrasp, scene: EncodedViews, columns: Tensor | None, truth: Truth, sdf: Tensor | None = None
+) -> Losses:
+    """Geometry supervision at some columns of voxels, or at all."""
+    if truth.distance is None:
+        raise InputError(
+            "geometry supervision needs the distance to the meshes, which these scenes do not hold; "
+            "benchmarks/add_distance.py adds it"
+        )
+    sdf = model.sdf_columns(scene, columns) if sdf is None else sdf
+    distance = truth.distance.flatten(0, 1)
+    distance = distance if columns is None else distance[columns]
+    heights = scene.centres[: model.workspace.resolution, 2]
+    return {
+        "distance": distance_loss(sdf.float(), distance, heights, model.workspace),
+        "occupancy": occupancy_loss(sdf.float(), distance, heights, model.workspace),
+    }
+
+
+def _random_columns(model: NeuGrasp, config: TrainConfig, generator: torch.Generator) -> Tensor | None:
+    num = model.workspace.resolution**2
+    if not 0 < config.columns < num:
+        return None
+    device = next(model.parameters()).device
+    return torch.randperm(num, generator=generator)[: config.columns].to(device)
+
+
+def _encode(model: NeuGrasp, inputs: Photos) -> EncodedViews:
     views = inputs.views
     if not model.config.use_backgrounds:
-        return model.reconstruct(model.encode(views.images), None, views)
+        return model.encode_scene(model.encode(views.images), None, views)
     maps = model.encode(torch.cat([views.images, views.backgrounds]))
     scene, background = maps.split(len(views.images))
-    return model.reconstruct(scene, background, views)
+    return model.encode_scene(scene, background, views)
 
 
-def _some_views(photos: Photos, dropout: float, generator: torch.Generator) -> Photos:
-    """All the views in random order, or sometimes only two or more of them."""
+def _some_views(photos: Photos, config: TrainConfig, generator: torch.Generator) -> Photos:
+    """All the views in random order, or sometimes fewer of them."""
     count = len(photos.changes)
     order = torch.randperm(count, generator=generator).tolist()
-    if count > 2 and float(torch.rand((), generator=generator)) < dropout:
-        order = order[: int(torch.randint(2, count, (), generator=generator))]
+    least = config.min_views
+    if count > least and float(torch.rand((), generator=generator)) < config.view_dropout:
+        order = order[: int(torch.randint(least, count, (), generator=generator))]
     return drop_views(photos, order)
 
 
@@ -130,7 +206,7 @@ def _target_losses(
     behind = targets.views.backgrounds[view, :, row, column].T
     photometric = photometric_loss(coarse, colour, behind) + photometric_loss(fine, colour, behind)
     labels = targets.changes[view, row, column]
-    carved = [carving_loss(one.weights, one.middles, rays, labels, model.workspace) for one in (coarse, fine)]
+    carved = [carving_loss(one.weights, one.midpoints, rays, labels, model.workspace) for one in (coarse, fine)]
     return photometric, torch.stack(carved).mean()
 
 
@@ -151,9 +227,9 @@ def _carve_grid(
     for group in photos:
         for view in range(len(group.changes)):
             rays, row, column = choose_rays(model, group, view, num, generator)
-            weights, middles = model.weights_on_grid(reconstruction, rays, sharpness, generator)
+            weights, midpoints = model.weights_on_grid(reconstruction, rays, sharpness, generator)
             labels = group.changes[view, row, column]
-            carved.append(carving_loss(weights, middles, rays, labels, model.workspace))
+            carved.append(carving_loss(weights, midpoints, rays, labels, model.workspace))
             table.append(table_loss(reconstruction.sdf, rays, labels, model.workspace))
     return torch.stack(carved).mean(), torch.stack(table).mean()
 
@@ -167,7 +243,7 @@ def choose_rays(
     """
     changes = photos.changes[view]
     height, width = changes.shape
-    candidates = torch.randint(height * width, (4 * num,), generator=generator)
+    candidates = torch.randint(height * width, (4 * num,), generator=generator).to(changes.device)
     row, column = candidates // width, candidates % width
     pixels = torch.stack([column, row], dim=1).float()
     origins, directions = photos.views.cameras.rays(view, pixels)

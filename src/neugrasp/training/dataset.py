@@ -1,0 +1,211 @@
+"""The scenes of a training run, read when they are needed, and what every step sees of them."""
+
+from __future__ import annotations
+
+import hashlib
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+import torch
+from torch.utils.data import DataLoader, Dataset
+
+from neugrasp.data.records import Record, read_record
+from neugrasp.data.shards import INDEX, Shards
+from neugrasp.errors import InputError
+from neugrasp.geometry.symmetry import Symmetry
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.training.change import change_labels
+from neugrasp.training.config import TrainConfig
+from neugrasp.training.samples import PreparedView, Sample, Truth, crop_views, sample_of, truth_of
+from neugrasp.views import View
+
+
+class Records(Protocol):
+    """Random access to the records of a folder."""
+
+    def __len__(self) -> int: ...
+
+    def read(self, index: int, photos: bool = True) -> Record:
+        """A record, without its photos if they are not asked for."""
+        ...
+
+    def has_photos(self, index: int) -> bool:
+        """Whether a record has photos, without reading it."""
+        ...
+
+    def identity(self) -> str:
+        """A hash that changes when scenes are added, removed or made anew."""
+        ...
+
+
+class RecordFolder:
+    """What `neugrasp generate` wrote."""
+
+    def __init__(self, folder: Path):
+        """Raises `InputError` where there are no records."""
+        found = sorted(folder.rglob("grasps.npz"))
+        self.folders = [path.parent for path in found if ".tmp" not in str(path)]
+        if not self.folders:
+            raise InputError(f"{folder}: no records; `neugrasp generate` makes some")
+
+    def __len__(self) -> int:
+        return len(self.folders)
+
+    def read(self, index: int, photos: bool = True) -> Record:
+        """A record, without its photos if they are not asked for."""
+        return read_record(self.folders[index], photos)
+
+    def has_photos(self, index: int) -> bool:
+        """Whether a record has photos, without reading it."""
+        return (self.folders[index] / "scene.json").is_file()
+
+    def identity(self) -> str:
+        """A hash that changes when scenes are added, removed or made anew."""
+        facts = [
+            (folder.name, [(folder / name).stat().st_size for name in ("truth.npz", "grasps.npz")])
+            for folder in self.folders
+        ]
+        return hashlib.sha256(repr(facts).encode()).hexdigest()
+
+
+def open_records(folder: Path) -> Records:
+    """The records in a folder of shards, or in one that `neugrasp generate` wrote.
+
+    Raises `InputError` where there are none.
+    """
+    return Shards(folder) if (folder / INDEX).is_file() else RecordFolder(folder)
+
+
+def read_records(folder: Path) -> Iterator[Record]:
+    """Every record in a folder, one after the other. Raises `InputError` where one is damaged."""
+    records = open_records(folder)
+    return (records.read(index) for index in range(len(records)))
+
+
+class Scenes:
+    """Some records of several folders, prepared for the network each time they are asked for.
+
+    Only labels of what changed in photos stay in memory, packed: they are slow to find.
+    """
+
+    def __init__(self, places: Sequence[tuple[Records, int]], size: int, finds_changes: bool):
+        self.places = tuple(places)
+        """The folder and index of each scene."""
+        self.size = size
+        """Edge of the network's photos, pixels."""
+        self.finds_changes = finds_changes
+        """Whether `change_labels` of the photos are wanted; else all are UNSURE."""
+        self.photographed = tuple(i for i, (records, at) in enumerate(self.places) if records.has_photos(at))
+        """Indices of the scenes with photos."""
+        self.workspace = Workspace()
+        self._changes: dict[tuple[int, int], bytes] = {}
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    def sample(self, index: int, rng: np.random.Generator | None) -> Sample:
+        """A scene with photos as a step sees it: augmented with a generator, as it stands without one."""
+        records, at = self.places[index]
+        record = records.read(at)
+        inputs, targets = crop_views(record, self.workspace, self.size)
+        prepared = [self._prepared(index, place, view) for place, view in enumerate((*inputs, *targets))]
+        groups = tuple(prepared[: len(inputs)]), tuple(prepared[len(inputs) :])
+        return sample_of(record, groups, self.workspace, rng)
+
+    def truth(self, index: int, symmetry: Symmetry) -> Truth:
+        """Labels and grids of a scene, moved by a symmetry."""
+        records, at = self.places[index]
+        return truth_of(records.read(at, photos=False), symmetry, self.workspace)
+
+    def _prepared(self, index: int, place: int, view: View) -> PreparedView:
+        if not self.finds_changes:
+            return PreparedView(view, np.full(view.image.shape[:2], -1, np.int8))
+        key = index, place
+        if key not in self._changes:
+            self._changes[key] = zlib.compress(change_labels(view.image, view.background).tobytes(), 1)
+        labels = np.frombuffer(zlib.decompress(self._changes[key]), np.int8)
+        return PreparedView(view, labels.reshape(view.image.shape[:2]))
+
+
+def identity_of(scenes: Scenes) -> str:
+    """A hash of the scenes of a run, in their order."""
+    hashes: dict[int, str] = {}
+    for records, _ in scenes.places:
+        if id(records) not in hashes:
+            hashes[id(records)] = records.identity()
+    facts = [(hashes[id(records)], index) for records, index in scenes.places]
+    return hashlib.sha256(repr(facts).encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class Batch:
+    """What one step sees."""
+
+    samples: tuple[Sample, ...]
+    """Scenes with photos; none while the head is trained alone."""
+    truths: tuple[Truth, ...]
+    """Labels and grids for the head alone."""
+
+    def to(self, device: torch.device | str) -> Batch:
+        """The same batch on another device."""
+        return Batch(
+            tuple(sample.to(device) for sample in self.samples), tuple(one.to(device) for one in self.truths)
+        )
+
+
+class Steps(Dataset[Batch]):
+    """The batch of every step of a run: a function of seed, rank and step, so that a run resumes exactly."""
+
+    def __init__(self, scenes: Scenes, config: TrainConfig, rank: int = 0, ranks: int = 1):
+        self.scenes, self.config, self.rank, self.ranks = scenes, config, rank, ranks
+
+    def __len__(self) -> int:
+        return self.config.steps
+
+    def __getitem__(self, step: int) -> Batch:
+        config = self.config
+        in_head = step < config.head_steps
+        samples, truths = (), ()
+        if in_head or config.weights.rehearsal:
+            truths = tuple(self._truth(place) for place in self._places(step, config.head_batch))
+        if not in_head:
+            samples = tuple(
+                self._sample(place) for place in self._places(step - config.head_steps, config.batch)
+            )
+        return Batch(samples, truths)
+
+    def _places(self, step: int, count: int) -> range:
+        """Positions in the endless sequence of scenes that this rank's part of a step takes."""
+        first = (step * self.ranks + self.rank) * count
+        return range(first, first + count)
+
+    def _index(self, place: int, num: int) -> int:
+        """Which of `num` comes at a position of the sequence: a new shuffle in every epoch."""
+        epoch, at = divmod(place, num)
+        return int(np.random.default_rng([self.config.seed, 1, epoch]).permutation(num)[at])
+
+    def _sample(self, place: int) -> Sample:
+        photographed = self.scenes.photographed
+        index = photographed[self._index(place, len(photographed))]
+        return self.scenes.sample(index, np.random.default_rng([self.config.seed, 2, place]))
+
+    def _truth(self, place: int) -> Truth:
+        symmetry = Symmetry.random(np.random.default_rng([self.config.seed, 3, place]))
+        return self.scenes.truth(self._index(place, len(self.scenes)), symmetry)
+
+
+def loader(steps: Steps, first: int, last: int, workers: int) -> DataLoader[Batch]:
+    """The batches of steps `first` to `last`, made ahead by `workers` processes; 0: when they are needed."""
+    options = {"prefetch_factor": 2, "worker_init_fn": _one_thread} if workers else {}
+    own = torch.Generator()  # the loader draws a seed, which must not move the global generator
+    return DataLoader(
+        steps, batch_size=None, sampler=range(first, last), num_workers=workers, generator=own, **options
+    )
+
+
+def _one_thread(_worker: int) -> None:
+    torch.set_num_threads(1)
