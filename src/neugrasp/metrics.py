@@ -30,6 +30,12 @@ def occupancy_iou(predicted: Grid, truth: Grid, above: int) -> float:
     return np.count_nonzero(inside & true_inside) / union if union else 1.0
 
 
+def volume_ratio(predicted: Grid, truth: Grid, above: int) -> float:
+    """Voxels inside (value < 0) of the first grid over those of the second, from voxel layer `above` upwards."""
+    inside, true_inside = (np.count_nonzero(grid[:, :, above:] < 0) for grid in (predicted, truth))
+    return inside / max(1, true_inside)
+
+
 def psnr(image: NDArray[np.floating], truth: NDArray[np.floating]) -> float:
     """Peak signal-to-noise ratio in dB of images in [0, 1]."""
     return float(-10 * np.log10(max(np.mean((image - truth) ** 2), 1e-10)))

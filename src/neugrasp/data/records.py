@@ -13,7 +13,7 @@ import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,8 +135,12 @@ def write_record(folder: Path, record: Record) -> None:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def read_record(folder: Path, photos: bool = True) -> Record:
-    """The record in `folder`, without its photos if they are not asked for.
+PhotosWanted = Literal["all", "inputs", "none"]
+"""Which photos of a record are read."""
+
+
+def read_record(folder: Path, photos: PhotosWanted = "all") -> Record:
+    """The record in `folder`, with as many of its photos as are wanted.
 
     Raises `InputError` naming the file that is missing or damaged.
     """
@@ -152,7 +156,7 @@ def read_record(folder: Path, photos: bool = True) -> Record:
         name=folder.name,
         scene=world,
         cell=cell,
-        **(truth | (_photos(folder) if photos and cell.get("photos", True) else without_photos())),
+        **(truth | (_photos(folder, photos) if cell.get("photos", True) else without_photos())),
         labels=labels_from_bytes((folder / "grasps.npz").read_bytes(), str(folder / "grasps.npz")),
     )
     check_record(record, str(folder))
@@ -165,14 +169,22 @@ def _need(folder: Path, files: tuple[str, ...]) -> None:
             raise InputError(f"{folder / name}: missing; a record needs {', '.join(FILES + PHOTO_FILES)}")
 
 
-def _photos(folder: Path) -> dict[str, Any]:
+def _photos(folder: Path, wanted: PhotosWanted) -> dict[str, Any]:
     """Photos, backgrounds and cameras, read."""
     _need(folder, PHOTO_FILES)
-    inputs, targets = read_scene(folder), read_scene(folder / "targets")
-    return {
+    found = without_photos()
+    if wanted == "none":
+        return found
+    inputs = read_scene(folder)
+    found = {name: found[name] for name in found if name.startswith("target")} | {
         "images": _stacked(inputs, "image", folder / "images"),
         "backgrounds": _stacked(inputs, "background", folder / "backgrounds"),
         "cameras": tuple(view.camera for view in inputs.views),
+    }
+    if wanted == "inputs":
+        return found
+    targets = read_scene(folder / "targets")
+    return found | {
         "targets": _stacked(targets, "image", folder / "targets" / "images"),
         "target_backgrounds": _stacked(targets, "background", folder / "targets" / "backgrounds"),
         "target_cameras": tuple(view.camera for view in targets.views),

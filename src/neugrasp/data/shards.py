@@ -21,6 +21,7 @@ from PIL import Image as Picture
 from neugrasp.data.labels import labels_from_bytes, labels_to_bytes
 from neugrasp.data.records import (
     NO_PHOTOS,
+    PhotosWanted,
     Record,
     check_record,
     read_record,
@@ -40,7 +41,13 @@ LIMIT = 60_000_000
 _IMAGES = ("images", "backgrounds", "targets", "target_backgrounds")
 
 
-def pack(folders: Sequence[Path], out: Path, limit: int = LIMIT, quality: int | None = None) -> Path:
+def pack(
+    folders: Sequence[Path],
+    out: Path,
+    limit: int = LIMIT,
+    quality: int | None = None,
+    photos: PhotosWanted = "all",
+) -> Path:
     """Packs every record found in `folders` into shards in `out`; the path of their index.
 
     Everything is kept exactly; or, with a `quality` (1 to 100), photos as lossy WebP, grids in steps of 1/127,
@@ -56,7 +63,7 @@ def pack(folders: Sequence[Path], out: Path, limit: int = LIMIT, quality: int | 
     out = Path(out)
     try:
         out.mkdir(parents=True, exist_ok=True)
-        entries = [entry for shard in _shards(found, limit, quality) for entry in shard.write(out)]
+        entries = [entry for shard in _shards(found, limit, quality, photos) for entry in shard.write(out)]
         return _write_index(out, entries)
     except OSError as error:
         raise NeuGraspError(f"{out}: cannot be written ({error.strerror})") from error
@@ -85,10 +92,12 @@ class _Shard:
         return [{**entry, "shard": file} for entry in self.entries]
 
 
-def _shards(folders: Sequence[Path], limit: int, quality: int | None) -> Iterator[_Shard]:
+def _shards(
+    folders: Sequence[Path], limit: int, quality: int | None, photos: PhotosWanted
+) -> Iterator[_Shard]:
     shard = _Shard(0)
     for folder in folders:
-        record = read_record(folder)
+        record = read_record(folder, photos)
         if quality is not None:
             record = _light(record)
         members = _members(record, quality)
@@ -206,8 +215,8 @@ class Shards(Sequence[Record]):
             return [self[i] for i in range(*index.indices(len(self)))]
         return self.read(index)
 
-    def read(self, index: int, photos: bool = True) -> Record:
-        """The record at `index`, without its photos if they are not asked for. Raises like indexing."""
+    def read(self, index: int, photos: PhotosWanted = "all") -> Record:
+        """The record at `index`, with as many of its photos as are wanted. Raises like indexing."""
         entry = self.entries[index]
         path = self.folder / entry["shard"]
         try:
@@ -225,10 +234,10 @@ class Shards(Sequence[Record]):
             ) from error
 
 
-def _record(archive: zipfile.ZipFile, name: str, source: str, photos: bool) -> Record:
+def _record(archive: zipfile.ZipFile, name: str, source: str, photos: PhotosWanted) -> Record:
     description = json.loads(archive.read(f"{name}/record.json"))
     truth = truth_from_bytes(archive.read(f"{name}/truth.npz"), source)
-    seen = _seen(archive, description) if photos and description["images"] else without_photos()
+    seen = _seen(archive, description, photos)
     record = Record(
         name=name,
         scene=scene_from_json(json.dumps(description["scene"]), source),
@@ -240,13 +249,23 @@ def _record(archive: zipfile.ZipFile, name: str, source: str, photos: bool) -> R
     return record
 
 
-def _seen(archive: zipfile.ZipFile, description: dict[str, Any]) -> dict[str, Any]:
-    """The fields of a `Record` that depend on its photos, but for depth and masks."""
-    return {
-        "cameras": tuple(camera_from_dict(camera) for camera in description["cameras"]),
-        "target_cameras": tuple(camera_from_dict(camera) for camera in description["target_cameras"]),
-        **{group: _stacked(archive, description[group]) for group in _IMAGES},
-    }
+def _seen(
+    archive: zipfile.ZipFile, description: dict[str, Any], wanted: PhotosWanted
+) -> dict[str, Any]:
+    """The fields of a `Record` that depend on its photos, but for depth and masks where there are photos."""
+    found = without_photos()
+    if wanted == "none" or not description["images"]:
+        return found
+    groups = _IMAGES if wanted == "all" else _IMAGES[:2]
+    cameras = {"cameras": description["cameras"]}
+    if wanted == "all":
+        cameras["target_cameras"] = description["target_cameras"]
+    del found["depths"], found["masks"]
+    return (
+        found
+        | {name: tuple(camera_from_dict(camera) for camera in some) for name, some in cameras.items()}
+        | {group: _stacked(archive, description[group]) for group in groups}
+    )
 
 
 def _stacked(archive: zipfile.ZipFile, members: Sequence[str]) -> Image:

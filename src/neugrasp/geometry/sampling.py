@@ -96,8 +96,24 @@ def _pixels_as_rows(maps: Tensor) -> Tensor:
     return maps.permute(0, 2, 3, 1).reshape(-1, maps.shape[1])
 
 
+def _sums_by_row(num_rows: int, rows: Tensor, shares: Tensor, gradient: Tensor) -> Tensor:
+    """(num_rows, c): of the gradients (p, c), as much as the shares (p, k) of the rows (p, k) say."""
+    if rows.device.type != "cpu":
+        # What lies outside of the photos counts nothing but has the same few rows, which would wait in line.
+        sums = gradient.new_zeros(num_rows, gradient.shape[1])
+        for row, share in zip(rows.unbind(1), shares.unbind(1), strict=True):
+            sums.index_add_(0, row, gradient * share.unsqueeze(1))
+        return sums
+    by_row, order = rows.flatten().sort(stable=True)
+    starts = torch.searchsorted(by_row, torch.arange(num_rows, dtype=rows.dtype))
+    places = order.div(rows.shape[1], rounding_mode="floor")
+    return F.embedding_bag(
+        places, gradient, starts, mode="sum", per_sample_weights=shares.flatten()[order]
+    )
+
+
 class _Read(torch.autograd.Function):
-    """Sums of rows of a table. The values' gradient sorts the places by row, which is a sum of rows again."""
+    """Sums of rows of a table; on a CPU the values' gradient is a sum of rows again, sorted by row."""
 
     @staticmethod
     def forward(ctx: Any, values: Tensor, read_from: Tensor, rows: Tensor, shares: Tensor) -> Tensor:
@@ -110,13 +126,7 @@ class _Read(torch.autograd.Function):
         rows, shares, read_from = ctx.saved_tensors
         to_values = to_shares = None
         if ctx.needs_input_grad[0]:
-            by_row, order = rows.flatten().sort(stable=True)
-            every_row = torch.arange(len(read_from), device=rows.device, dtype=rows.dtype)
-            starts = torch.searchsorted(by_row, every_row)
-            places = order.div(rows.shape[1], rounding_mode="floor")
-            to_values = F.embedding_bag(
-                places, gradient.float(), starts, mode="sum", per_sample_weights=shares.flatten()[order]
-            )
+            to_values = _sums_by_row(len(read_from), rows, shares, gradient.float())
         if ctx.needs_input_grad[3]:
             to_shares = torch.einsum("pc,pkc->pk", gradient.float(), read_from[rows].float())
         return to_values, None, None, to_shares

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch.utils.data import DataLoader, Dataset
 
-from neugrasp.data.records import Record, read_record
+from neugrasp.data.records import PhotosWanted, Record, read_record
 from neugrasp.data.shards import INDEX, Shards
 from neugrasp.errors import InputError
 from neugrasp.geometry.symmetry import Symmetry
@@ -29,8 +29,8 @@ class Records(Protocol):
 
     def __len__(self) -> int: ...
 
-    def read(self, index: int, photos: bool = True) -> Record:
-        """A record, without its photos if they are not asked for."""
+    def read(self, index: int, photos: PhotosWanted = "all") -> Record:
+        """A record, with as many of its photos as are wanted."""
         ...
 
     def has_photos(self, index: int) -> bool:
@@ -55,8 +55,8 @@ class RecordFolder:
     def __len__(self) -> int:
         return len(self.folders)
 
-    def read(self, index: int, photos: bool = True) -> Record:
-        """A record, without its photos if they are not asked for."""
+    def read(self, index: int, photos: PhotosWanted = "all") -> Record:
+        """A record, with as many of its photos as are wanted."""
         return read_record(self.folders[index], photos)
 
     def has_photos(self, index: int) -> bool:
@@ -92,13 +92,21 @@ class Scenes:
     Only labels of what changed in photos stay in memory, packed: they are slow to find.
     """
 
-    def __init__(self, places: Sequence[tuple[Records, int]], size: int, finds_changes: bool):
+    def __init__(
+        self,
+        places: Sequence[tuple[Records, int]],
+        size: int,
+        finds_changes: bool,
+        reads_targets: bool = True,
+    ):
         self.places = tuple(places)
         """The folder and index of each scene."""
         self.size = size
         """Edge of the network's photos, pixels."""
         self.finds_changes = finds_changes
         """Whether `change_labels` of the photos are wanted; else all are UNSURE."""
+        self.reads_targets = reads_targets
+        """Whether the views that losses compare with are wanted; else there are none."""
         self.photographed = tuple(i for i, (records, at) in enumerate(self.places) if records.has_photos(at))
         """Indices of the scenes with photos."""
         self.workspace = Workspace()
@@ -110,7 +118,7 @@ class Scenes:
     def sample(self, index: int, rng: np.random.Generator | None) -> Sample:
         """A scene with photos as a step sees it: augmented with a generator, as it stands without one."""
         records, at = self.places[index]
-        record = records.read(at)
+        record = records.read(at, "all" if self.reads_targets else "inputs")
         inputs, targets = crop_views(record, self.workspace, self.size)
         prepared = [self._prepared(index, place, view) for place, view in enumerate((*inputs, *targets))]
         groups = tuple(prepared[: len(inputs)]), tuple(prepared[len(inputs) :])
@@ -119,7 +127,7 @@ class Scenes:
     def truth(self, index: int, symmetry: Symmetry) -> Truth:
         """Labels and grids of a scene, moved by a symmetry."""
         records, at = self.places[index]
-        return truth_of(records.read(at, photos=False), symmetry, self.workspace)
+        return truth_of(records.read(at, "none"), symmetry, self.workspace)
 
     def _prepared(self, index: int, place: int, view: View) -> PreparedView:
         if not self.finds_changes:

@@ -20,17 +20,24 @@ TILE = 320
 
 
 def save_progress_picture(path: Path, model: NeuGrasp, sample: Sample, sharpness: float) -> None:
-    """A held-out view as photographed, as rendered and with what changed in it; true and predicted slices."""
+    """A held-out view as photographed, as rendered and with what changed in it; true and predicted slices.
+
+    Where the run has no target views, without the first three.
+    """
     reconstruction, volume = reconstruct(model, sample)
-    image, photo = render_view(model, reconstruction, sample.targets, 0, sharpness)
     workspace = model.workspace
     truth, tsdf = sample.truth.tsdf.numpy(), reconstruction.tsdf.cpu().numpy()
     slice_at = busiest_slice(truth, workspace)
     quality = np.rot90(volume.quality[0].max(dim=1).values.cpu().numpy())
-    tiles = [
-        Tile(_bytes(photo), "held-out photo"),
-        Tile(_bytes(image), "rendered"),
-        Tile(_changes(sample.targets.changes[0].numpy()), "object white, unsure grey"),
+    tiles = []
+    if len(sample.targets.changes):
+        image, photo = render_view(model, reconstruction, sample.targets, 0, sharpness)
+        tiles = [
+            Tile(_bytes(photo), "held-out photo"),
+            Tile(_bytes(image), "rendered"),
+            Tile(_changes(sample.targets.changes[0].numpy()), "object white, unsure grey"),
+        ]
+    tiles += [
         Tile(slice_picture(truth, workspace, index=slice_at, size=TILE), "true TSDF"),
         Tile(slice_picture(tsdf, workspace, index=slice_at, size=TILE), "predicted TSDF"),
         Tile(_bytes(np.repeat(quality[..., None], 3, axis=2)), "best grasp quality, from the side"),

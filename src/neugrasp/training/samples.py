@@ -99,7 +99,8 @@ def crop_views(record: Record, workspace: Workspace, size: int) -> tuple[tuple[V
             crop_view(view, view.camera, box, size) for view, box in zip(views.views, boxes, strict=True)
         )
 
-    return cropped(record.views(workspace)), cropped(record.target_views(workspace))
+    targets = record.target_views(workspace) if len(record.targets) else None
+    return cropped(record.views(workspace)), cropped(targets) if targets else ()
 
 
 def sample_of(
@@ -113,9 +114,10 @@ def sample_of(
     With a generator it is augmented, without it is the record as it stands.
     """
     symmetry = Symmetry() if rng is None else Symmetry.random(rng)
-    inputs, targets = (_photos(group, symmetry, workspace) for group in groups)
+    inputs, *others = (_photos(group, symmetry, workspace) for group in groups if group)
     if rng is not None:
-        inputs, targets = _jitter([inputs, targets], rng)
+        inputs, *others = _jitter([inputs, *others], rng)
+    targets = others[0] if others else drop_views(inputs, [])
     return Sample(inputs, targets, truth_of(record, symmetry, workspace))
 
 

@@ -34,13 +34,13 @@ class Learner:
     def of(cls, model: NeuGrasp, config: TrainConfig) -> Learner:
         """A learner at its start."""
 
-        def averaged(average: Tensor, now: Tensor, count: Tensor | int) -> Tensor:
+        def averaged(averages: list[Tensor], now: list[Tensor], count: Tensor | int) -> None:
             # A young average forgets its random start sooner.
             decay = min(config.optimiser.average, (1 + int(count)) / (10 + int(count)))
-            return torch.lerp(now, average, decay)
+            torch._foreach_lerp_(averages, now, 1 - decay)
 
         optimizer = torch.optim.Adam(model.parameters(), lr=config.optimiser.learning_rate)
-        return cls(model, AveragedModel(model, avg_fn=averaged), optimizer)
+        return cls(model, AveragedModel(model, multi_avg_fn=averaged), optimizer)
 
     def update(self, gradient_clip: float) -> None:
         """One step of the optimiser along the gradients, which are used up, and of the average."""

@@ -207,7 +207,7 @@ def _open_data(run: TrainRun, config: TrainConfig) -> tuple[Scenes, _HeldOut]:
         held = places[HELD_OUT - 1 :: HELD_OUT]
         places = [place for index, place in enumerate(places) if index % HELD_OUT != HELD_OUT - 1]
     size, finds_changes = config.model.image_size, config.weights.finds_changes
-    scenes = Scenes(places, size, finds_changes)
+    scenes = Scenes(places, size, finds_changes, reads_targets=finds_changes)
     if config.steps > config.head_steps and not scenes.photographed:
         names = ", ".join(map(str, run.data))
         raise InputError(f"{names}: no scene has photos; recipe {run.recipe} needs some, head none")

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from neugrasp.metrics import CONSTANTS, area_under_roc, l1_by_mask, occupancy_iou, psnr, ssim
+from neugrasp.metrics import CONSTANTS, area_under_roc, l1_by_mask, occupancy_iou, psnr, ssim, volume_ratio
 from neugrasp.model.grasp_head import GraspVolume
 from neugrasp.model.network import NeuGrasp, Reconstruction
 from neugrasp.model.rendering import cut_to_workspace
@@ -92,7 +92,11 @@ def validate_head(model: NeuGrasp, truths: list[Truth]) -> dict[str, float]:
 def validate(
     model: NeuGrasp, samples: list[Sample], sharpness: float, render: bool = True
 ) -> dict[str, float]:
-    """Means over samples: L1 under five masks beside the constants', IoU, PSNR, SSIM, AUC, rotation error."""
+    """Means over samples: L1 under five masks beside the constants', IoU, PSNR, SSIM, AUC, rotation error.
+
+    `iou` is against the fused TSDF, `iou_meshes` and `volume` (predicted over true) against the distance to
+    the meshes where the samples have it.
+    """
     was_training = model.training
     model.eval()
     scores = Scores()
@@ -104,6 +108,9 @@ def validate(
         for constant in CONSTANTS:
             scores.add(**{f"l1_0.3_constant_{constant:+.0f}": l1_by_mask(constant, truth)["0.3"]})
         scores.add(iou=occupancy_iou(tsdf, truth, table), **grasp_scores(volume, sample.truth.labels))
+        if sample.truth.distance is not None:
+            meshes = sample.truth.distance.numpy()
+            scores.add(iou_meshes=occupancy_iou(tsdf, meshes, table), volume=volume_ratio(tsdf, meshes, table))
         if render:
             image, photo = render_view(model, reconstruction, sample.targets, 0, sharpness)
             scores.add(psnr=psnr(image, photo), ssim=ssim(image, photo))
