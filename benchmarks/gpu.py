@@ -40,6 +40,11 @@ def with_weights(**weights: float) -> Callable[[], TrainConfig]:
     return lambda: replace(sim_batch(), weights=replace(sim_batch().weights, **weights))
 
 
+def from_random() -> TrainConfig:
+    """`sim_batch` for random weights."""
+    return replace(sim_batch(), optimiser=replace(sim().optimiser, learning_rate=2e-3))
+
+
 def wider() -> TrainConfig:
     """`sim_batch` with half as many channels again, from random weights."""
     model = replace(
@@ -52,7 +57,7 @@ def wider() -> TrainConfig:
 
 VARIANTS: dict[str, tuple[Callable[[], TrainConfig], str | None]] = {
     "sim": (sim_batch, "neugrasp"),
-    "sim-scratch": (lambda: replace(sim_batch(), optimiser=replace(sim().optimiser, learning_rate=2e-3)), None),
+    "sim-scratch": (from_random, None),
     "sim-occupancy": (with_weights(distance=0.5, occupancy=0.4), "neugrasp"),
     "sim-wider": (wider, None),
 }
@@ -95,7 +100,9 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--work", type=Path, default=Path("/tmp/gpu-runs"))
     parser.add_argument("--minutes", type=float, default=8.0)
-    parser.add_argument("--loaders", type=int, default=3, help="processes of each variant that prepare scenes")
+    parser.add_argument(
+        "--loaders", type=int, default=3, help="processes of each variant that prepare scenes"
+    )
     parser.add_argument("--device", default="cuda")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)

@@ -160,15 +160,20 @@ class Pack:
     out: Folder
     """Where the shards and their index are written; `train --data` reads this folder."""
     quality: int | None = None
-    """Quality of the photos, 1 to 100, as lossy WebP, with coarser grids and without depth and masks: 95 takes
-    an eighth of the bytes. By default everything is kept exactly."""
+    """Quality of the photos, 1 to 100, as lossy WebP, with coarser grids and without depth and masks: 95
+    takes an eighth of the bytes. By default everything is kept exactly."""
     targets: bool = True
     """Pack the views that losses compare with, too; geometry supervision needs none."""
 
     def run(self) -> None:
         from neugrasp.data.shards import Shards, pack
 
-        pack([folder / "scenes" for folder in self.data], self.out, quality=self.quality, photos="all" if self.targets else "inputs")
+        pack(
+            [folder / "scenes" for folder in self.data],
+            self.out,
+            quality=self.quality,
+            photos="all" if self.targets else "inputs",
+        )
         print(f"{len(Shards(self.out))} scenes in {self.out}")
 
 

@@ -31,7 +31,7 @@ def occupancy_iou(predicted: Grid, truth: Grid, above: int) -> float:
 
 
 def volume_ratio(predicted: Grid, truth: Grid, above: int) -> float:
-    """Voxels inside (value < 0) of the first grid over those of the second, from voxel layer `above` upwards."""
+    """Voxels inside (value < 0) of the first grid over those of the second, from layer `above` upwards."""
     inside, true_inside = (np.count_nonzero(grid[:, :, above:] < 0) for grid in (predicted, truth))
     return inside / max(1, true_inside)
 

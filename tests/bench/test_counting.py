@@ -8,9 +8,7 @@ from torch import Tensor, nn
 from neugrasp.bench.counting import FlopCounter, Kept, num_bytes
 from neugrasp.bench.machine import Rates
 from neugrasp.bench.recorder import Cost, Part, Recorder, watched
-from neugrasp.bench.reference.attention import PlainEncoderLayer
-from neugrasp.bench.stages import counted as count_stages
-from neugrasp.model.chunks import in_threads
+from reference_network.attention import PlainEncoderLayer
 
 CPU = torch.device("cpu")
 
@@ -113,29 +111,6 @@ def test_views_of_one_place_count_once():
     x = torch.ones(4, 4)
     assert num_bytes([x, x.reshape(16), torch.ones(2)]) == 64 + 8
     assert num_bytes([x], known=[x]) == 0
-
-
-class Threaded:
-    """Products on every thread there is."""
-
-    device = CPU
-
-    def run(self, recorder: Recorder) -> None:
-        with recorder.stage("products"):
-            in_threads(
-                lambda size: torch.ones(size, 8) @ torch.ones(8, 3), [10, 20, 30], torch.get_num_threads()
-            )
-
-
-def test_what_other_threads_would_do_is_counted_and_their_number_stays():
-    before = torch.get_num_threads()
-    torch.set_num_threads(2)
-    try:
-        cost = count_stages(Threaded()).stages["products"]
-        assert torch.get_num_threads() == 2
-    finally:
-        torch.set_num_threads(before)
-    assert cost.flops == {"float32": 2 * 60 * 8 * 3}
 
 
 def test_what_is_kept_for_the_backward_pass():

@@ -7,7 +7,13 @@ import pytest
 import torch
 
 from neugrasp.geometry.camera import Camera
-from neugrasp.geometry.sampling import CameraTensors, Table, sample_images, sample_volume, volume_corners
+from neugrasp.geometry.sampling import (
+    CameraTensors,
+    LookupTable,
+    sample_images,
+    sample_volume,
+    volume_interpolation,
+)
 from neugrasp.geometry.workspace import Workspace
 
 
@@ -77,7 +83,7 @@ def test_tables_are_read_as_images_are_and_so_are_their_gradients(cameras: list[
     tensors = CameraTensors.of(cameras)
     maps = torch.randn(len(cameras), 3, 9, 16, requires_grad=True)
     pixels = torch.rand(len(cameras), 50, 2) * 700 - 20
-    read = tensors.corners(pixels, maps.shape).read(Table.of_maps(maps))
+    read = tensors.interpolation(pixels, maps.shape).read(LookupTable.of_maps(maps))
     expected = sample_images(maps, pixels, tensors.size).transpose(1, 2)
     torch.testing.assert_close(read, expected, atol=1e-4, rtol=1e-4)
     pull = torch.randn_like(read)
@@ -88,7 +94,7 @@ def test_tables_are_read_as_images_are_and_so_are_their_gradients(cameras: list[
 def test_tables_are_read_as_volumes_are():
     volume = torch.rand(2, 6, 6, 6, generator=torch.Generator().manual_seed(0))
     unit = torch.rand(40, 3, generator=torch.Generator().manual_seed(1)) * 2.4 - 1.2
-    read = volume_corners(unit, 6).read(Table.of(volume.flatten(1).T.contiguous()))
+    read = volume_interpolation(unit, 6).read(LookupTable.of(volume.flatten(1).T.contiguous()))
     torch.testing.assert_close(read.T, sample_volume(volume, unit))
 
 

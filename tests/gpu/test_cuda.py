@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from ball_record import ball_record
 
+from ball_record import ball_record
 from neugrasp.data.records import write_record
 from neugrasp.data.scene_folder import read_scene
 from neugrasp.demo import demo_scenes
@@ -67,7 +67,9 @@ def test_losses_and_gradients_are_those_of_the_cpu(batch: Batch, name: str):
     config = replace(RECIPES[name](), model=recipe("tiny").model, bfloat16=False, rays=48, head_steps=0)
     if name == "without-backgrounds":
         config = replace(config, model=replace(config.model, use_backgrounds=False))
-    (here, gradient), (there, same) = (losses_and_gradient(config, batch, device) for device in ("cpu", "cuda"))
+    (here, gradient), (there, same) = (
+        losses_and_gradient(config, batch, device) for device in ("cpu", "cuda")
+    )
     assert here == pytest.approx(there, rel=2e-3, abs=1e-5)
     assert float((gradient - same).norm() / gradient.norm()) < 2e-2
 

@@ -8,9 +8,9 @@ import pytest
 import torch
 from torch.testing import assert_close
 
+from neugrasp.model.field import table_distance
 from neugrasp.model.inputs import ViewTensors
 from neugrasp.model.network import NeuGrasp
-from neugrasp.model.sdf import table_distance
 from neugrasp.training.recipes import paper, tiny
 
 
@@ -41,15 +41,24 @@ def test_the_grid_is_the_field_read_at_the_voxel_centres(model, views):
     reconstruction, _ = model(views)
     centres = torch.from_numpy(model.workspace.voxel_centres()).float()
     columns = centres.reshape(1600, 40, 3)[::97].flip(1)
-    expected = model.field(reconstruction.scene, columns).sdf.flip(1)
+    expected = model.field(reconstruction.scene.at_points(columns), model.workspace)[0].flip(1)
     assert_close(reconstruction.sdf.reshape(1600, 40)[::97], expected, atol=2e-3, rtol=1e-3)
+
+
+@torch.no_grad()
+def test_some_columns_are_those_of_the_grid(model, views):
+    reconstruction, _ = model(views)
+    columns = torch.tensor([1599, 0, 41, 900])
+    some = model.sdf_columns(reconstruction.scene, columns)
+    assert_close(some, reconstruction.sdf.reshape(1600, 40)[columns], atol=1e-5, rtol=1e-5)
 
 
 @torch.no_grad()
 def test_points_that_no_view_sees_count_as_outside(model, views):
     far = torch.tensor([[[5.0, 5.0, 0.1], [5.0, 5.0, 0.0]]])
     reconstruction, _ = model(views)
-    assert_close(model.field(reconstruction.scene, far).sdf, torch.ones(1, 2))
+    sdf, _ = model.field(reconstruction.scene.at_points(far), model.workspace)
+    assert_close(sdf, torch.ones(1, 2))
 
 
 def test_the_table_is_where_the_workspace_says(model):
@@ -62,7 +71,9 @@ def test_blended_colours_lie_between_the_views(model, views):
     flat = ViewTensors(torch.full_like(views.images, 0.25), views.backgrounds, views.cameras)
     reconstruction, _ = model(flat)
     points = torch.rand(6, 5, 3) * 0.1 + 0.1
-    colour = model.field(reconstruction.scene, points, eye=views.cameras.centres[0]).colour
+    samples = reconstruction.scene.at_points(points, colours=True)
+    _, features = model.field(samples, model.workspace)
+    colour = model.field.blend(samples, features, views.cameras, views.cameras.centres[:1].expand(6, 3))
     assert_close(colour, torch.full((6, 5, 3), 0.25))
 
 

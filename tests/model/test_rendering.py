@@ -7,7 +7,14 @@ import torch
 from torch.testing import assert_close
 
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.model.rendering import composite, importance_samples, cut_to_workspace, neus_alpha, ray_weights, spread
+from neugrasp.model.rendering import (
+    composite,
+    cut_to_workspace,
+    importance_samples,
+    neus_alpha,
+    ray_weights,
+    stratified_samples,
+)
 
 
 def rays_down(num: int):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch.testing import assert_close
 
-from neugrasp.geometry.sampling import Corners
+from neugrasp.geometry.sampling import InterpolationIndex
 from neugrasp.model.volumes import VolumeNet, masked_mean_and_variance
 from neugrasp.training.recipes import tiny
 
@@ -33,7 +33,7 @@ def test_volumes_keep_the_order_of_axes():
     net = VolumeNet(tiny().model).eval()
     # A map of 40 x 1600 pixels in which every voxel lies at a pixel of its own.
     rows = torch.arange(2 * 40**3, dtype=torch.int32).reshape(2, -1, 1)
-    voxels, seen = Corners(rows, torch.ones(rows.shape)), torch.ones(2, 40**3)
+    voxels, seen = InterpolationIndex(rows, torch.ones(rows.shape)), torch.ones(2, 40**3)
     features = torch.zeros(2, 4, 40, 1600)
     moved = features.clone()
     moved[:, :, 30, 12 * 40 + 5] = 20.0

@@ -20,8 +20,8 @@ from neugrasp.training.losses import (
     table_loss,
     tsdf_loss,
 )
+from neugrasp.training.module import imperfect
 from neugrasp.training.samples import GraspLabels
-from neugrasp.training.step import imperfect
 
 
 def test_a_true_distance_has_no_eikonal_loss_and_a_scaled_one_has():

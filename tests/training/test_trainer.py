@@ -15,7 +15,6 @@ from neugrasp.data import records
 from neugrasp.data.records import write_record
 from neugrasp.errors import InputError
 from neugrasp.model.checkpoint import load_checkpoint
-from neugrasp.model.view_layer import BLOCK, PLAIN
 from neugrasp.training.recipes import RECIPES, recipe
 from neugrasp.training.trainer import TrainRun, configured, train
 
@@ -85,9 +84,10 @@ def test_scenes_without_photos_teach_the_head_alone(data, without_photos, tmp_pa
 
 def test_of_another_network_only_the_head_is_taken(data, without_photos, tmp_path, monkeypatch):
     tiny = recipe("tiny")
+    still = replace(tiny.optimiser, learning_rate=0, average=0)
     blind = replace(tiny.model, use_backgrounds=False)
     monkeypatch.setitem(RECIPES, "tiny-head", lambda: replace(tiny, steps=3, head_steps=3))
-    monkeypatch.setitem(RECIPES, "blind", lambda: replace(tiny, model=blind, learning_rate=0, average=0))
+    monkeypatch.setitem(RECIPES, "blind", lambda: replace(tiny, model=blind, optimiser=still))
     first = train(TrainRun(recipe="tiny-head", data=(without_photos,), out=tmp_path / "head"))
     run = TrainRun(recipe="blind", data=(data,), out=tmp_path / "blind", init=str(first), steps=1, seed=1)
     taken, given = (load_checkpoint(path).tensors for path in (train(run), first))
@@ -112,24 +112,6 @@ def test_some_of_the_scenes(data, tmp_path):
             train(replace(run, out=tmp_path / "other", scenes=number))
 
 
-def test_the_compiled_layer_is_used_where_it_is_asked_for(data, tmp_path, monkeypatch):
-    """What compiling gives is tested with the layer; here something else takes its place."""
-    uses = []
-
-    def change(*inputs):
-        uses.append(inputs)
-        return PLAIN.change(*inputs)
-
-    monkeypatch.setattr("neugrasp.model.sdf.fused", lambda: PLAIN._replace(change=change))
-    monkeypatch.setitem(BLOCK, "cpu", 64)
-    run = TrainRun(recipe="tiny", data=(data,), out=tmp_path / "plain", steps=2)
-    train(run)
-    assert not uses
-    train(replace(run, out=tmp_path / "compiled", compile=True))
-    assert uses
-    assert losses_of(tmp_path / "compiled") == losses_of(tmp_path / "plain")
-
-
 def test_bfloat16_is_left_where_the_processor_is_slow_at_it(data, tmp_path, monkeypatch):
     monkeypatch.setitem(RECIPES, "reduced", lambda: replace(recipe("tiny"), bfloat16=True))
     run = TrainRun(recipe="tiny", data=(data,), out=tmp_path / "tiny", steps=2)
@@ -148,10 +130,28 @@ def test_an_earlier_run_is_not_overwritten(data, tmp_path):
         train(run)
 
 
-def test_resuming_with_another_recipe_is_refused(data, tmp_path):
-    train(TrainRun(recipe="tiny", data=(data,), out=tmp_path / "out", steps=2))
-    with pytest.raises(InputError, match="another recipe, number of steps or seed"):
-        train(TrainRun(recipe="tiny", data=(data,), out=tmp_path / "out", steps=3, resume=True))
+def test_resuming_with_other_facts_is_refused_and_names_them(data, held_out, tmp_path):
+    run = TrainRun(recipe="tiny", data=(data,), out=tmp_path / "out", steps=2)
+    train(run)
+    for other, named in (
+        (replace(run, seed=1), "seed"),
+        (replace(run, data=(held_out,)), "data"),
+        (replace(run, scenes=1), "data"),
+        (replace(run, init=str(run.out / "weights.safetensors")), "init"),
+        (replace(run, recipe="without-attention"), r"model\.encoder_blocks"),
+    ):
+        with pytest.raises(InputError, match=f"other values of .*{named}"):
+            train(replace(other, resume=True))
+
+
+def test_a_run_is_extended(data, tmp_path):
+    """The stages and the schedule belong to the longer run; what was learned stays."""
+    run = TrainRun(recipe="tiny", data=(data,), out=tmp_path / "out")
+    train(run, stop_after=5)
+    before = losses_of(run.out)
+    train(replace(run, steps=15, resume=True))
+    assert losses_of(run.out)[:5] == before
+    assert len(losses_of(run.out)) == 15
 
 
 def test_a_folder_without_records_is_named(tmp_path):

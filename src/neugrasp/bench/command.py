@@ -12,8 +12,7 @@ from neugrasp.errors import InputError
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedTest:
-    """Speed of every stage on this machine: of detecting and of training, beside the floor and a plain
-    reference implementation."""
+    """Speed of every stage on this machine: of detecting and of training, beside the floor."""
 
     json: Path | None = None
     """A file for all figures."""
@@ -30,12 +29,7 @@ class SpeedTest:
     device: Literal["cpu", "cuda"] = "cpu"
     """Where to compute."""
     precision: Literal["own", "float32", "bfloat16"] = "own"
-    """Of the products: what the detector and the recipe choose themselves, or one of these. The reference
-    computes in float32."""
-    compile: bool = False
-    """Compile the product's training step as `neugrasp train --compile` does."""
-    reference: bool = True
-    """Time the plain reference implementation, too."""
+    """Of the products: what the detector and the recipe choose themselves, or one of these."""
     seed: int = 0
     """Of random weights, rays and grasps."""
 
@@ -72,8 +66,6 @@ class SpeedTest:
             if value is not None and value < 1:
                 raise InputError(f"{option} {value}: must be at least 1")
         if self.device == "cuda":
-            if self.compile:
-                raise InputError("--compile: is for the CPU; leave it out with --device cuda")
             import torch
 
             if not torch.cuda.is_available():

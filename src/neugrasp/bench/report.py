@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from neugrasp.bench.machine import Machine, Rates
-from neugrasp.bench.measure import Comparison, Inference, Measurement, Series, Training
+from neugrasp.bench.measure import Inference, Measurement, Series, Training
 from neugrasp.bench.recorder import Cost
 from neugrasp.bench.stages import OTHER
 from neugrasp.errors import NeuGraspError
@@ -36,10 +36,8 @@ ORDER = (
     OTHER,
 )
 """The stages as a table shows them."""
-ROW = "{:<16}{:>10}{:>9}{:>9}{:>8}{:>10}{:>9}{:>14}{:>10}"
-HEADER = ROW.format(
-    "", "median ms", "+- ms", "GFLOP", "MB", "floor ms", "x floor", "reference ms", "speed-up"
-)
+ROW = "{:<16}{:>10}{:>9}{:>9}{:>8}{:>10}{:>9}"
+HEADER = ROW.format("", "median ms", "+- ms", "GFLOP", "MB", "floor ms", "x floor")
 
 
 def summary(found: Measurement) -> dict[str, Any]:
@@ -47,10 +45,10 @@ def summary(found: Measurement) -> dict[str, Any]:
     settings = found.settings
     report: dict[str, Any] = {"format": FORMAT, "version": VERSION, "command": settings.command()}
     if found.inference:
-        report |= _headline("photos_to_grasps", found.inference.stages)
+        report["photos_to_grasps_s"] = _median(found.inference.stages)
         report["files_to_grasps_s"] = report["photos_to_grasps_s"] + _median(found.inference.loading)
     if found.training:
-        report |= _headline("training_step", found.training.stages)
+        report["training_step_s"] = _median(found.training.stages)
     report["commit"] = source_commit()
     report |= {name: getattr(settings, name) for name in ("network", "views", "precision", "seed")}
     report["machine"] = _machine(found.machine, found.rates)
@@ -73,30 +71,20 @@ def table(report: dict[str, Any]) -> str:
         part = report["training"]
         lines += ["", f"A training step, network {report['network']}, one scene", HEADER]
         lines += [_line(row) for row in (*part["stages"], part["total"])]
-        kept = [f"{side} {num / 1e9:.2f} GB" for side, num in part["kept_for_backward_bytes"].items()]
-        lines += [_cpu_line(part["total"]), f"kept for the backward pass: {', '.join(kept)}"]
+        kept = part["kept_for_backward_bytes"] / 1e9
+        lines += [_cpu_line(part["total"]), f"kept for the backward pass: {kept:.2f} GB"]
     return "\n".join(lines)
 
 
 def _cpu_line(total: dict[str, Any]) -> str:
     """Processor time of all threads, which other programs hardly lengthen."""
-    line = f"processor time {total['cpu_s']:.2f} s"
-    if reference := total["reference"]:
-        ratio = reference["cpu_s"] / total["cpu_s"]
-        line += f", the reference {reference['cpu_s']:.2f} s, {ratio:.1f} x as much"
-    return line
+    return f"processor time {total['cpu_s']:.2f} s"
 
 
 def _notes(inference: dict[str, Any]) -> list[str]:
     lines = []
     if inference["peak_memory_bytes"]:
         lines.append(f"peak memory {inference['peak_memory_bytes'] / 1e9:.2f} GB")
-    if same := inference["agreement_with_reference"]:
-        lines += [
-            f"{same['grasps']} grasps, the reference {same['reference_grasps']}; in the same voxels: "
-            f"the first {same['leading']}, {same['shared']} in all",
-            f"TSDFs differ by {same['tsdf_difference']:.1e} at most",
-        ]
     return lines
 
 
@@ -113,14 +101,6 @@ def write_json(file: Path, report: dict[str, Any]) -> None:
         temporary.unlink(missing_ok=True)
 
 
-def _headline(name: str, compared: Comparison) -> dict[str, float]:
-    product = _median(compared.product)
-    if compared.reference is None:
-        return {f"{name}_s": product}
-    reference = _median(compared.reference)
-    return {f"{name}_s": product, f"{name}_reference_s": reference, f"{name}_speedup": reference / product}
-
-
 def _median(series: Series) -> float:
     return statistics.median(run.seconds for run in series.runs)
 
@@ -135,50 +115,37 @@ def _machine(machine: Machine, rates: Rates) -> dict[str, Any]:
 
 
 def _inference(found: Inference, rates: Rates) -> dict[str, Any]:
-    outside = [Comparison(series, None) for series in (found.loading, found.new_backgrounds)]
+    outside = [row for one in (found.loading, found.new_backgrounds) for row in _rows(one, rates)]
     return {
-        **_comparison(found.stages, rates),
-        "outside": [row for one in outside for row in _rows(one, rates) if row["stage"] != OTHER],
-        "agreement_with_reference": asdict(found.agreement) if found.agreement else None,
+        **_stages(found.stages, rates),
+        "outside": [row for row in outside if row["stage"] != OTHER],
         "peak_memory_bytes": found.memory,
     }
 
 
 def _training(found: Training, rates: Rates) -> dict[str, Any]:
-    kept = dict(zip(("product", "reference"), found.kept, strict=False))
-    return {**_comparison(found.stages, rates), "kept_for_backward_bytes": kept}
+    return {**_stages(found.stages, rates), "kept_for_backward_bytes": found.kept}
 
 
-def _comparison(compared: Comparison, rates: Rates) -> dict[str, Any]:
-    rows = _rows(compared, rates)
+def _stages(series: Series, rates: Rates) -> dict[str, Any]:
+    rows = _rows(series, rates)
     # The stages run one after the other, so their floors add up.
     floor = sum(row["floor_s"] or 0.0 for row in rows)
-    sides = [_total(side) if side else None for side in (compared.product, compared.reference)]
-    return {"total": _row("total", sides, floor), "stages": rows}
+    return {"total": _row("total", _total(series), floor), "stages": rows}
 
 
-def _rows(compared: Comparison, rates: Rates) -> list[dict[str, Any]]:
-    """A row for every stage of either side; a side that lacks it spends nothing there."""
-    product, reference = compared.product, compared.reference
-    names = {*product.costs, *(reference.costs if reference else ())}
-    rows = []
-    for name in sorted(names, key=lambda name: ORDER.index(name) if name in ORDER else -1):
-        sides = [_stage(side, name) if side else None for side in (product, reference)]
-        rows.append(_row(name, sides, rates.floor(product.costs.get(name, Cost()))))
-    return rows
+def _rows(series: Series, rates: Rates) -> list[dict[str, Any]]:
+    """A row for every stage."""
+    names = sorted(series.costs, key=lambda name: ORDER.index(name) if name in ORDER else -1)
+    return [_row(name, _stage(series, name), rates.floor(series.costs[name])) for name in names]
 
 
-def _row(name: str, sides: list[dict[str, Any] | None], floor: float) -> dict[str, Any]:
-    product, reference = sides
-    assert product is not None
-    seconds = product["seconds"]
+def _row(name: str, timing: dict[str, Any], floor: float) -> dict[str, Any]:
     return {
         "stage": name,
-        **product,
+        **timing,
         "floor_s": floor or None,
-        "times_the_floor": seconds / floor if floor else None,
-        "speedup": reference["seconds"] / seconds if reference and seconds else None,
-        "reference": reference,
+        "times_the_floor": timing["seconds"] / floor if floor else None,
     }
 
 
@@ -235,8 +202,6 @@ def _line(row: dict[str, Any]) -> str:
         f"{row['bytes'] / 1e6:,.0f}",
         _milli(row["floor_s"]),
         _times(row["times_the_floor"]),
-        _milli(row["reference"]["seconds"] if row["reference"] else None),
-        _times(row["speedup"]),
     ).rstrip()
 
 

@@ -1,4 +1,4 @@
-"""What is timed: photos to grasps by the product and by the plain reference, in the same stages."""
+"""What is timed: photos to grasps, in stages."""
 
 from __future__ import annotations
 
@@ -10,13 +10,9 @@ from typing import Protocol
 
 import torch
 
-from neugrasp.bench.agreement import Found
 from neugrasp.bench.counting import FlopCounter
 from neugrasp.bench.recorder import Cost, Part, Recorder, watched
-from neugrasp.bench.reference.network import ReferenceNetwork
 from neugrasp.data.scene_folder import read_scene
-from neugrasp.detection.ask_head import predict_grasps
-from neugrasp.detection.decode import select_grasps
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.model.inputs import prepare
 from neugrasp.model.network import NeuGrasp
@@ -26,15 +22,15 @@ PARTS = (
     Part("encode images", "encode", "features"),
     Part("backgrounds", "encode_backgrounds", "features"),
     Part("foreground", "residual.forward", "residual"),
-    Part("voxel maps", "reconstruct"),
+    Part("voxel maps", "encode_scene"),
     Part("volumes", "volumes.forward", "volumes"),
-    Part("field query", "field.on_grid", "field"),
+    Part("field query", "sdf_columns", "field"),
     Part("grasp head", "head.forward", "head"),
-    Part("ray field", "field.forward", "field"),
+    Part("ray field", "render_at", "field"),
     Part("ray weights", "render"),
     Part("grid rays", "weights_on_grid"),
 )
-"""Parts of a network that are stages; both networks call them the same."""
+"""Parts of the network that are stages."""
 LOAD, NEW_BACKGROUNDS = "load", "new backgrounds"
 OTHER = "other"
 """What no stage accounts for."""
@@ -90,19 +86,16 @@ def _run(subject: Subject, counter: FlopCounter | None) -> Run:
     return Run(seconds, cpu_seconds, stages)
 
 
-class ProductDetection:
+class Detecting:
     """The detector as it is; features of the backgrounds are kept from the first pass on."""
 
     def __init__(self, detector: NeuGraspDetector, views: Views, bfloat16: bool):
         self.detector, self.views, self.bfloat16 = detector, views, bfloat16
         self.device = detector.device
-        self.found: Found | None = None
-        """By the last pass."""
 
     def run(self, recorder: Recorder) -> None:
         with watched(self.detector.model, PARTS, recorder), _precision(self.device, self.bfloat16):
             detection = self.detector.detect(self.views)
-        self.found = Found(detection.tsdf, detection.grasps)
         for stage, num_bytes in host_bytes(self.views, self.detector.model).items():
             recorder.note(stage, Cost(detection.timing_s[stage], num_bytes=num_bytes))
 
@@ -141,35 +134,8 @@ class NewBackgrounds:
             recorder.call(NEW_BACKGROUNDS, model.features, model.encode_backgrounds, self.inputs)
 
 
-class ReferenceDetection:
-    """Photos to grasps with the plain network; nothing is kept between passes."""
-
-    def __init__(self, detector: NeuGraspDetector, views: Views):
-        self.network = ReferenceNetwork(detector.model)
-        self.detector, self.views, self.device = detector, views, detector.device
-        self.found: Found | None = None
-        """By the last pass."""
-
-    @torch.no_grad()
-    def run(self, recorder: Recorder) -> None:
-        network = self.network
-        with recorder.stage("prepare"):
-            inputs = prepare(self.views, network.config.image_size).to(self.device)
-        with watched(network, PARTS, recorder):
-            maps = network.encode(inputs.images)
-            empty = network.encode_backgrounds(inputs)
-            tsdf = network.reconstruct(maps, empty, inputs).sdf.clamp(-1, 1)
-            prediction = predict_grasps(network.head, tsdf.cpu().numpy(), self.device)
-        with recorder.stage("selection"):
-            detector = self.detector
-            chosen = select_grasps(prediction, network.workspace, detector.gripper, detector.selection)
-            placed = self.views.workspace.world_from_workspace
-            grasps = tuple(grasp.moved(placed) for grasp in chosen.grasps)
-        self.found = Found(prediction.tsdf, grasps)
-
-
 def _precision(device: torch.device, bfloat16: bool) -> AbstractContextManager[object]:
-    """Autocast to bfloat16, or whatever the product does by itself."""
+    """Autocast to bfloat16, or whatever the detector does by itself."""
     return torch.autocast(device.type, torch.bfloat16) if bfloat16 else nullcontext()
 
 

@@ -50,9 +50,10 @@ def pack(
 ) -> Path:
     """Packs every record found in `folders` into shards in `out`; the path of their index.
 
-    Everything is kept exactly; or, with a `quality` (1 to 100), photos as lossy WebP, grids in steps of 1/127,
-    and neither depth nor masks, which no loss reads: a fraction of the bytes, to carry to a machine with a GPU.
-    The same records give the same bytes. Raises `InputError` where there are none or two of one name.
+    Everything is kept exactly; or, with a `quality` (1 to 100), photos as lossy WebP, grids in steps of
+    1/127, and neither depth nor masks, which no loss reads: a fraction of the bytes, to carry to a machine
+    with a GPU. The same records give the same bytes. Raises `InputError` where there are none or two of one
+    name.
     """
     found = [path.parent for folder in folders for path in sorted(Path(folder).glob("*/grasps.npz"))]
     names = [path.name for path in found]
@@ -117,7 +118,7 @@ def _shards(
 
 
 def _light(record: Record) -> Record:
-    """The record without depth and masks, its grids in steps of 1/127: what packs well and is learned from."""
+    """The record without depth and masks, which no loss reads, and with grids in steps of 1/127."""
     distance = None if record.distance is None else _rounded(record.distance)
     return replace(
         record,
@@ -249,9 +250,7 @@ def _record(archive: zipfile.ZipFile, name: str, source: str, photos: PhotosWant
     return record
 
 
-def _seen(
-    archive: zipfile.ZipFile, description: dict[str, Any], wanted: PhotosWanted
-) -> dict[str, Any]:
+def _seen(archive: zipfile.ZipFile, description: dict[str, Any], wanted: PhotosWanted) -> dict[str, Any]:
     """The fields of a `Record` that depend on its photos, but for depth and masks where there are photos."""
     found = without_photos()
     if wanted == "none" or not description["images"]:

@@ -1,8 +1,8 @@
 """Reading images and volumes at continuous places, for every view at once: the only `grid_sample` here.
 
-A `LookupTable` holds a row for each pixel or voxel; an `InterpolationIndex` says which rows lie around a place
-and how much each counts. Where rows have many channels this is several times as fast as `grid_sample` on a
-CPU, and one index serves several tables.
+A `LookupTable` holds a row for each pixel or voxel; an `InterpolationIndex` says which rows lie around a
+place and how much each counts. Where rows have many channels this is several times as fast as `grid_sample`
+on a CPU, and one index serves several tables.
 """
 
 from __future__ import annotations
@@ -107,9 +107,7 @@ def _sums_by_row(num_rows: int, rows: Tensor, shares: Tensor, gradient: Tensor) 
     by_row, order = rows.flatten().sort(stable=True)
     starts = torch.searchsorted(by_row, torch.arange(num_rows, dtype=rows.dtype))
     places = order.div(rows.shape[1], rounding_mode="floor")
-    return F.embedding_bag(
-        places, gradient, starts, mode="sum", per_sample_weights=shares.flatten()[order]
-    )
+    return F.embedding_bag(places, gradient, starts, mode="sum", per_sample_weights=shares.flatten()[order])
 
 
 class _Read(torch.autograd.Function):
@@ -121,7 +119,7 @@ class _Read(torch.autograd.Function):
         return F.embedding_bag(rows, read_from, mode="sum", per_sample_weights=shares.to(read_from.dtype))
 
     @staticmethod
-    @torch.autograd.function.once_differentiable  # type: ignore[untyped-decorator]
+    @torch.autograd.function.once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, None, None, Tensor | None]:
         rows, shares, read_from = ctx.saved_tensors
         to_values = to_shares = None

@@ -66,9 +66,9 @@ class EncodedViews:
         pixels, seen = self.cameras.project(flat)
         in_maps = self.cameras.interpolation(pixels, self.map_shape).where(seen)
         in_volume = volume_interpolation(self.workspace.to_unit(flat), self.workspace.resolution)
-        n, _, height, width = self.map_shape
-        full = torch.Size((n, 3, self.cameras.size[1], self.cameras.size[0]))
-        rgb = self.cameras.interpolation(pixels, full).read(self.images) if colours else None
+        width, height = self.cameras.size
+        photos = torch.Size((len(seen), 3, height, width))
+        rgb = self.cameras.interpolation(pixels, photos).read(self.images) if colours else None
         return PointSamples(points, in_maps.read(self.maps), in_volume.read(self.priors), seen, rgb)
 
     def at_columns(self, columns: slice | Tensor) -> PointSamples:
@@ -159,7 +159,7 @@ class SdfField(nn.Module):
     def blend(
         self, samples: PointSamples, views: tuple[Tensor, ...], cameras: CameraTensors, eyes: Tensor
     ) -> Tensor:
-        """Colours (r, s, 3) as a camera at `eyes` (r, 3) sees them: a softmax over the views that see a point."""
+        """Colours (r, s, 3) as seen from `eyes` (r, 3): a softmax over the views that see a point."""
         if samples.colours is None:
             raise ValueError("samples without colours cannot be blended; ask `at_points` for them")
         flat = samples.points.flatten(0, 1)

@@ -16,7 +16,14 @@ from neugrasp.model.features import ChangeFeatures, FeatureNet, ResidualAttentio
 from neugrasp.model.field import EncodedViews, SdfField, order_encoding
 from neugrasp.model.grasp_head import GraspHead, GraspVolume
 from neugrasp.model.inputs import ViewTensors
-from neugrasp.model.rendering import Rays, Rendered, composite, importance_samples, ray_weights, stratified_samples
+from neugrasp.model.rendering import (
+    Rays,
+    Rendered,
+    composite,
+    importance_samples,
+    ray_weights,
+    stratified_samples,
+)
 from neugrasp.model.volumes import VolumeNet
 
 GRID_SAMPLES = 64
@@ -101,7 +108,7 @@ class NeuGrasp(nn.Module):
         )
 
     def sdf_columns(self, scene: EncodedViews, columns: Tensor | None = None) -> Tensor:
-        """Signed distance (k, r), not clipped, at the voxels of some columns (k,), x r + y; by default of all.
+        """Signed distance (k, r), not clipped, at the voxels of columns (k,), x r + y; by default of all.
 
         Every column is a ray seen from straight above: its samples count from the top down.
         """
@@ -143,9 +150,9 @@ class NeuGrasp(nn.Module):
     ) -> tuple[Rendered, Rendered]:
         """Coarse and fine renderings of rays; with a generator, samples are jittered."""
         coarse_at = stratified_samples(rays, self.config.coarse_samples, generator)
-        coarse = self._render_at(scene, rays, coarse_at, sharpness)
+        coarse = self.render_at(scene, rays, coarse_at, sharpness)
         fine_at = importance_samples(coarse_at, coarse.weights, self.config.fine_samples, generator)
-        return coarse, self._render_at(scene, rays, fine_at, sharpness)
+        return coarse, self.render_at(scene, rays, fine_at, sharpness)
 
     def weights_on_grid(
         self,
@@ -161,7 +168,8 @@ class NeuGrasp(nn.Module):
         weights = ray_weights(sdf * self.workspace.truncation, sharpness)
         return weights, (distances[:, 1:] + distances[:, :-1]) / 2
 
-    def _render_at(self, scene: EncodedViews, rays: Rays, distances: Tensor, sharpness: Tensor) -> Rendered:
+    def render_at(self, scene: EncodedViews, rays: Rays, distances: Tensor, sharpness: Tensor) -> Rendered:
+        """Renderings of rays from the field at given distances (r, s)."""
         points = rays.points(distances)
 
         def query(part: slice) -> tuple[Tensor, ...]:

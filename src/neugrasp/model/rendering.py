@@ -100,14 +100,18 @@ def stratified_samples(rays: Rays, num: int, generator: torch.Generator | None) 
     return rays.near.unsqueeze(1) + fractions * (rays.far - rays.near).unsqueeze(1)
 
 
-def importance_samples(distances: Tensor, weights: Tensor, num: int, generator: torch.Generator | None) -> Tensor:
+def importance_samples(
+    distances: Tensor, weights: Tensor, num: int, generator: torch.Generator | None
+) -> Tensor:
     """New sorted distances (r, num) where the weights (r, s - 1) of the intervals lie (inverse CDF)."""
     density = weights.detach() + 1e-3
     cdf = torch.cumsum(density / density.sum(1, keepdim=True), dim=1)
     cdf = torch.cat([torch.zeros_like(cdf[:, :1]), cdf], dim=1)
     even = (torch.arange(num, device=cdf.device) + 0.5) / num
     if generator is not None:
-        even = (even + (torch.rand((len(cdf), num), generator=generator, device=cdf.device) - 0.5) / num).clamp(0, 1)
+        even = (
+            even + (torch.rand((len(cdf), num), generator=generator, device=cdf.device) - 0.5) / num
+        ).clamp(0, 1)
     u = even.expand(len(cdf), num).contiguous()
     upper = torch.searchsorted(cdf, u, right=True).clamp(1, cdf.shape[1] - 1)
     low_cdf, high_cdf = cdf.gather(1, upper - 1), cdf.gather(1, upper)

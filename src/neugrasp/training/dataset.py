@@ -7,7 +7,7 @@ import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -177,7 +177,8 @@ class Steps(Dataset[Batch]):
     def __getitem__(self, step: int) -> Batch:
         config = self.config
         in_head = step < config.head_steps
-        samples, truths = (), ()
+        samples: tuple[Sample, ...] = ()
+        truths: tuple[Truth, ...] = ()
         if in_head or config.weights.rehearsal:
             truths = tuple(self._truth(place) for place in self._places(step, config.head_batch))
         if not in_head:
@@ -208,7 +209,7 @@ class Steps(Dataset[Batch]):
 
 def loader(steps: Steps, first: int, last: int, workers: int) -> DataLoader[Batch]:
     """The batches of steps `first` to `last`, made ahead by `workers` processes; 0: when they are needed."""
-    options = {"prefetch_factor": 2, "worker_init_fn": _one_thread} if workers else {}
+    options: dict[str, Any] = {"prefetch_factor": 2, "worker_init_fn": _one_thread} if workers else {}
     own = torch.Generator()  # the loader draws a seed, which must not move the global generator
     return DataLoader(
         steps, batch_size=None, sampler=range(first, last), num_workers=workers, generator=own, **options

@@ -17,9 +17,9 @@ from torch.nn.parallel import DistributedDataParallel
 class Ranks:
     """Which of the run's processes this is."""
 
+    device: torch.device
     rank: int = 0
     count: int = 1
-    device: torch.device = torch.device("cpu")
 
     @property
     def leads(self) -> bool:
@@ -45,13 +45,13 @@ def joined_ranks(device: str) -> Iterator[Ranks]:
     count, rank = int(os.environ.get("WORLD_SIZE", "1")), int(os.environ.get("RANK", "0"))
     place = torch.device(device)
     if count == 1:
-        yield Ranks(device=place)
+        yield Ranks(place)
         return
     if place.type == "cuda":
         place = torch.device("cuda", int(os.environ.get("LOCAL_RANK", "0")))
         torch.cuda.set_device(place)
     torch.distributed.init_process_group("nccl" if place.type == "cuda" else "gloo")
     try:
-        yield Ranks(rank, count, place)
+        yield Ranks(place, rank, count)
     finally:
         torch.distributed.destroy_process_group()

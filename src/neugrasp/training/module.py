@@ -76,14 +76,14 @@ def total(losses: Losses, config: TrainConfig) -> Tensor:
     return torch.stack(terms).sum()
 
 
-def head_loss(model: NeuGrasp, truths: Sequence[Truth], from_meshes: bool, generator: torch.Generator) -> Tensor:
+def head_loss(
+    model: NeuGrasp, truths: Sequence[Truth], from_meshes: bool, generator: torch.Generator
+) -> Tensor:
     """The grasp head alone, on true grids made imperfect the way predictions are.
 
     `from_meshes` takes the distance to the meshes where a scene has it, as `distance_loss` does.
     """
-    grids = [
-        truth.distance if from_meshes and truth.distance is not None else truth.tsdf for truth in truths
-    ]
+    grids = [truth.distance if from_meshes and truth.distance is not None else truth.tsdf for truth in truths]
     volume = model.head(torch.stack([imperfect(grid, generator) for grid in grids]))
     return grasp_loss(volume, [truth.labels for truth in truths])
 
@@ -92,7 +92,9 @@ def imperfect(tsdf: Tensor, generator: torch.Generator) -> Tensor:
     """A TSDF (r, r, r) blurred by up to a voxel, with bumps of several voxels and a little noise."""
     resolution = tsdf.shape[0]
     device = generator.device
-    scales = torch.rand(3, generator=generator, device=device) * torch.tensor([1.0, 0.25, 0.05], device=device)
+    scales = torch.rand(3, generator=generator, device=device) * torch.tensor(
+        [1.0, 0.25, 0.05], device=device
+    )
     blur, bumps, noise = scales.unbind()
     coarse = torch.randn((1, 1, 8, 8, 8), generator=generator, device=device)
     smooth = F.interpolate(coarse, size=(resolution,) * 3, mode="trilinear", align_corners=False)[0, 0]
@@ -208,7 +210,9 @@ def _target_losses(
     behind = targets.views.backgrounds[view, :, row, column].T
     photometric = photometric_loss(coarse, colour, behind) + photometric_loss(fine, colour, behind)
     labels = targets.changes[view, row, column]
-    carved = [carving_loss(one.weights, one.midpoints, rays, labels, model.workspace) for one in (coarse, fine)]
+    carved = [
+        carving_loss(one.weights, one.midpoints, rays, labels, model.workspace) for one in (coarse, fine)
+    ]
     return photometric, torch.stack(carved).mean()
 
 

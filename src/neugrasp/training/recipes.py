@@ -28,9 +28,7 @@ def small() -> TrainConfig:
         weights=LossWeights(rehearsal=0.01, carving=0.1, grid_carving=0.3, table=0.1),
         steps=9_000,
         head_steps=5_000,
-        optimiser=Optimiser(
-            learning_rate=1e-3, head_learning_rate=1e-3, schedule="cosine", average=0.998
-        ),
+        optimiser=Optimiser(learning_rate=1e-3, head_learning_rate=1e-3, schedule="cosine", average=0.998),
         rays=128,
         validate_every=1_000,
         bfloat16=True,

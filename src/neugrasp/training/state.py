@@ -19,6 +19,7 @@ from neugrasp.model.network import NeuGrasp
 from neugrasp.training.config import TrainConfig
 
 STATE = "state.safetensors"
+Tensors = tuple[Tensor, ...] | list[Tensor]
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Learner:
     def of(cls, model: NeuGrasp, config: TrainConfig) -> Learner:
         """A learner at its start."""
 
-        def averaged(averages: list[Tensor], now: list[Tensor], count: Tensor | int) -> None:
+        def averaged(averages: Tensors, now: Tensors, count: Tensor | int) -> None:
             # A young average forgets its random start sooner.
             decay = min(config.optimiser.average, (1 + int(count)) / (10 + int(count)))
             torch._foreach_lerp_(averages, now, 1 - decay)
@@ -111,6 +112,19 @@ def save_state(folder: Path, learner: Learner, step: int, identity: Identity) ->
         temporary.unlink(missing_ok=True)
 
 
+def saved_facts(folder: Path) -> dict[str, Any]:
+    """The facts of the run whose state is in `folder`; none where nothing was saved. Raises `InputError`."""
+    path = folder / STATE
+    if not path.is_file():
+        return {}
+    try:
+        with safe_open(path, framework="pt") as file:
+            facts = json.loads((file.metadata() or {})["identity"])
+        return dict(facts)
+    except (SafetensorError, OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: cannot be read ({error!r}); remove it to start again") from error
+
+
 def load_state(folder: Path, learner: Learner, identity: Identity) -> int:
     """Puts a saved state back and gives the number of finished steps; 0 where nothing was saved.
 
@@ -119,20 +133,15 @@ def load_state(folder: Path, learner: Learner, identity: Identity) -> int:
     path = folder / STATE
     if not path.is_file():
         return 0
-    try:
-        with safe_open(path, framework="pt") as file:
-            metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        saved, step = json.loads(metadata["identity"]), int(metadata["step"])
-        differences = identity.differences(saved)
-    except (SafetensorError, OSError, ValueError, KeyError, AttributeError) as error:
-        raise InputError(f"{path}: cannot be read ({error!r}); remove it to start again") from error
-    if differences:
+    if differences := identity.differences(saved_facts(folder)):
         raise InputError(
-            f"{path}: belongs to a run with other values of {', '.join(differences)}; go on with the same, or "
-            f"choose another --out (and --init {folder / 'weights.safetensors'} to start from its weights)"
+            f"{path}: belongs to a run with other values of {', '.join(differences)}; go on with the same, "
+            f"or choose another --out (and --init {folder / 'weights.safetensors'} to start from its weights)"
         )
     try:
+        with safe_open(path, framework="pt") as file:
+            step = int(file.metadata()["step"])
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
         learner.model.load_state_dict(_under(tensors, "model."))
         learner.average.load_state_dict(_under(tensors, "average."))
         for name, parameter in learner.model.named_parameters():
@@ -141,7 +150,7 @@ def load_state(folder: Path, learner: Learner, identity: Identity) -> int:
                 learner.optimizer.state[parameter] = {
                     key: value.to(_place(key, parameter)) for key, value in moments.items()
                 }
-    except (RuntimeError, KeyError) as error:
+    except (SafetensorError, RuntimeError, KeyError, ValueError) as error:
         raise InputError(f"{path}: damaged ({error}); remove it to start again") from error
     return step
 

@@ -27,7 +27,7 @@ from neugrasp.training.module import TrainingModule, bfloat16_pays
 from neugrasp.training.progress_picture import save_progress_picture
 from neugrasp.training.recipes import recipe
 from neugrasp.training.samples import Sample, Truth
-from neugrasp.training.state import Identity, Learner, load_state, save_state
+from neugrasp.training.state import Identity, Learner, load_state, save_state, saved_facts
 from neugrasp.training.validation import validate, validate_head
 
 log = logging.getLogger(__name__)
@@ -78,8 +78,11 @@ def train(run: TrainRun, stop_after: int | None = None) -> Path:
 
     Raises `InputError` where data, recipe or an earlier run in `out` do not fit.
     """
-    config = configured(run)
     _check_out(run)
+    config = configured(run)
+    if saved := saved_facts(run.out):
+        # However long the run becomes, the head's stage was as long as it was.
+        config = replace(config, head_steps=saved.get("head_steps", config.head_steps))
     torch.manual_seed(config.seed)
     model = NeuGrasp(config.model)
     if run.init:

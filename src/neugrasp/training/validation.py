@@ -110,7 +110,9 @@ def validate(
         scores.add(iou=occupancy_iou(tsdf, truth, table), **grasp_scores(volume, sample.truth.labels))
         if sample.truth.distance is not None:
             meshes = sample.truth.distance.numpy()
-            scores.add(iou_meshes=occupancy_iou(tsdf, meshes, table), volume=volume_ratio(tsdf, meshes, table))
+            scores.add(
+                iou_meshes=occupancy_iou(tsdf, meshes, table), volume=volume_ratio(tsdf, meshes, table)
+            )
         if render:
             image, photo = render_view(model, reconstruction, sample.targets, 0, sharpness)
             scores.add(psnr=psnr(image, photo), ssim=ssim(image, photo))

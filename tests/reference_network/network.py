@@ -14,16 +14,23 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from neugrasp.bench.reference.features import PlainFeatures, PlainResidual
-from neugrasp.bench.reference.field import PlainField, PlainScene
-from neugrasp.bench.reference.volumes import PlainVolumes
 from neugrasp.geometry.sampling import sample_images, sample_volume
 from neugrasp.model.config import ModelConfig
 from neugrasp.model.features import ChangeFeatures
 from neugrasp.model.grasp_head import GraspVolume
 from neugrasp.model.inputs import ViewTensors
 from neugrasp.model.network import GRID_SAMPLES, NeuGrasp
-from neugrasp.model.rendering import Rays, Rendered, composite, concentrate, ray_weights, spread
+from neugrasp.model.rendering import (
+    Rays,
+    Rendered,
+    composite,
+    importance_samples,
+    ray_weights,
+    stratified_samples,
+)
+from reference_network.features import PlainFeatures, PlainResidual
+from reference_network.field import PlainField, PlainScene
+from reference_network.volumes import PlainVolumes
 
 NAMES = ((".expand.", ".mlp.0."), (".contract.", ".mlp.2."))
 """Layers that have another name in the product's view transformers."""
@@ -117,9 +124,9 @@ class ReferenceNetwork(nn.Module):
         self, scene: PlainScene, rays: Rays, sharpness: Tensor, generator: torch.Generator | None = None
     ) -> tuple[Rendered, Rendered]:
         """Coarse and fine renderings of rays of one camera."""
-        at = spread(rays, self.config.coarse_samples, generator)
+        at = stratified_samples(rays, self.config.coarse_samples, generator)
         coarse = self._render_at(scene, rays, at, sharpness)
-        at = concentrate(at, coarse.weights, self.config.fine_samples, generator)
+        at = importance_samples(at, coarse.weights, self.config.fine_samples, generator)
         return coarse, self._render_at(scene, rays, at, sharpness)
 
     def weights_on_grid(
@@ -129,8 +136,8 @@ class ReferenceNetwork(nn.Module):
         sharpness: Tensor,
         generator: torch.Generator | None = None,
     ) -> tuple[Tensor, Tensor]:
-        """Weights (r, s - 1) of intervals on rays through the grid's distances, and their middles."""
-        at = spread(rays, GRID_SAMPLES, generator)
+        """Weights (r, s - 1) of intervals on rays through the grid's distances, and their midpoints."""
+        at = stratified_samples(rays, GRID_SAMPLES, generator)
         points = self.workspace.to_unit(rays.points(at).reshape(-1, 3))
         sdf = sample_volume(seen.sdf.unsqueeze(0), points).reshape(at.shape)
         return ray_weights(sdf * self.workspace.truncation, sharpness), (at[:, 1:] + at[:, :-1]) / 2

@@ -9,13 +9,13 @@ import torch
 from torch import Tensor
 from torch.testing import assert_close
 
-from neugrasp.bench.reference.network import ReferenceNetwork
 from neugrasp.bench.subjects import bundled_views, fresh_model
 from neugrasp.model.config import ModelConfig
 from neugrasp.model.inputs import ViewTensors, prepare
 from neugrasp.model.network import NeuGrasp
 from neugrasp.model.rendering import cut_to_workspace
 from neugrasp.training.recipes import paper, small, tiny
+from reference_network.network import ReferenceNetwork
 
 TOLERANCE = 1e-4
 """Relative, on the signed distance: float32 has 24 bits, and the sums are long."""

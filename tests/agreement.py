@@ -23,17 +23,17 @@ class Found:
 
 @dataclass(frozen=True)
 class Agreement:
-    """The product's detection against the reference's."""
+    """One detection against another."""
 
     tsdf_difference: float
     """The largest, in truncation units, both grids in [-1, 1]."""
     grasps: int
-    """How many the product found."""
+    """How many the first found."""
     reference_grasps: int
     leading: int
     """Of how many places, from the best on, the grasp points are the same voxels."""
     shared: int
-    """How many of the reference's grasp points the product found, in whatever order."""
+    """How many of the reference's grasp points the first found, in whatever order."""
 
 
 def agreement(product: Found, reference: Found, workspace: Workspace, gripper: Gripper) -> Agreement:

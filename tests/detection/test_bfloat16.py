@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from neugrasp.bench.agreement import Found, agreement
+from agreement import Found, agreement
 from neugrasp.data.scene_folder import read_scene
 from neugrasp.demo import demo_scenes
 from neugrasp.detection.detector import NeuGraspDetector
