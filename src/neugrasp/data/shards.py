@@ -20,12 +20,14 @@ from PIL import Image as Picture
 from neugrasp.data.labels import labels_from_bytes, labels_to_bytes
 from neugrasp.data.records import (
     NO_PHOTOS,
+    TRIALS_FILE,
     Record,
     check_record,
     read_record,
     truth_from_bytes,
     truth_to_bytes,
 )
+from neugrasp.data.trials import trials_from_bytes, trials_to_bytes
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.simulation.scene import camera_from_dict, camera_to_dict, scene_from_json, scene_to_json
 from neugrasp.views import Image
@@ -114,6 +116,8 @@ def _members(record: Record) -> dict[str, bytes]:
     members[f"{record.name}/record.json"] = json.dumps(description).encode()
     members[f"{record.name}/truth.npz"] = truth_to_bytes(record)
     members[f"{record.name}/grasps.npz"] = labels_to_bytes(record.labels)
+    if record.trials is not None:
+        members[f"{record.name}/{TRIALS_FILE}"] = trials_to_bytes(record.trials)
     return members
 
 
@@ -184,6 +188,7 @@ class Shards(Sequence[Record]):
 
 def _record(archive: zipfile.ZipFile, name: str, source: str) -> Record:
     description = json.loads(archive.read(f"{name}/record.json"))
+    trials = f"{name}/{TRIALS_FILE}"
     record = Record(
         name=name,
         scene=scene_from_json(json.dumps(description["scene"]), source),
@@ -196,6 +201,7 @@ def _record(archive: zipfile.ZipFile, name: str, source: str) -> Record:
         target_backgrounds=_stacked(archive, description["target_backgrounds"]),
         **truth_from_bytes(archive.read(f"{name}/truth.npz"), source),
         labels=labels_from_bytes(archive.read(f"{name}/grasps.npz"), source),
+        trials=trials_from_bytes(archive.read(trials), source) if trials in archive.namelist() else None,
     )
     check_record(record, source)
     return record
