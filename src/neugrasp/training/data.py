@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,18 +25,19 @@ from neugrasp.training.samples import (
 
 
 def read_records(folder: Path) -> Iterator[Record]:
-    """Every record in a folder of shards, or in one that `neugrasp generate` wrote, one after the other.
+    """Every record in a folder of shards, or in one that `neugrasp generate` wrote, one after the other,
+    without its trials: no loss reads them, and those of thousands of scenes are gigabytes.
 
     Raises `InputError` where there are none or one is damaged.
     """
     if (folder / INDEX).is_file():
         shards = Shards(folder)
-        yield from (shards[index] for index in range(len(shards)))
+        yield from (replace(shards[index], trials=None) for index in range(len(shards)))
         return
     found = [path.parent for path in sorted(folder.rglob("grasps.npz")) if ".tmp" not in str(path)]
     if not found:
         raise InputError(f"{folder}: no records; `neugrasp generate` makes some")
-    yield from map(read_record, found)
+    yield from (replace(read_record(path), trials=None) for path in found)
 
 
 class TrainingSet:
