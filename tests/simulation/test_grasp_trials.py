@@ -150,12 +150,16 @@ def test_tilts_are_uniform_about_a_tcp_that_stays(world: World, settled: Scene) 
     world.reset(settled)
     count = 400
     all_tilted, none = (TrialSettings(points=count, tilted=share, yaws=2) for share in (1.0, 0.0))
-    _, rotations = candidates(world, np.random.default_rng(0), count)
+    points, rotations = candidates(world, np.random.default_rng(0), count)
     tilted, upright = (
         tried_poses(world, np.random.default_rng(0), settings).reshape(-1, 2, 4, 4)
         for settings in (all_tilted, none)
     )
-    np.testing.assert_allclose(tilted[..., :3, 3], upright[..., :3, 3], atol=1e-12)
+    # The TCP of a label's grasp there.
+    tcps = points + world.gripper.tcp_depth * rotations[:, :, 2]
+    for k in range(2):
+        np.testing.assert_allclose(upright[:, k, :3, 3], tcps, atol=1e-12)
+        np.testing.assert_allclose(tilted[:, k, :3, 3], tcps, atol=1e-12)
     np.testing.assert_allclose(upright[:, 0, :3, 2], rotations[:, :, 2], atol=1e-12)
     np.testing.assert_allclose(tilted[:, 0, :3, 2], tilted[:, 1, :3, 2], atol=1e-12)
     approaches = np.einsum("nji,nj->ni", rotations, tilted[:, 0, :3, 2])
