@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from neugrasp.data.labels import Labels
 from neugrasp.data.records import DEPTH_UNIT, Record, without_photos
+from neugrasp.data.trials import COLUMNS, State, Trials
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.view_sets import on_sphere
 from neugrasp.geometry.workspace import Workspace
@@ -46,6 +47,29 @@ def records(draw: st.DrawFn, name: str = "scene-0") -> Record:
             rng.random(k) < 0.5,
         ),
         distance=truths[1] if draw(st.booleans()) else None,
+        trials=draw(tables()) if draw(st.booleans()) else None,
+    )
+
+
+@st.composite
+def tables(draw: st.DrawFn, seed: int | None = None) -> Trials:
+    """Trials in one to three states, of one or two series; none at all now and then."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)) if seed is None else seed)
+    k, states, series = draw(st.integers(0, 9)), draw(st.integers(1, 3)), draw(st.integers(1, 2))
+    quaternions = rng.normal(size=(k, 4)).astype(np.float32)
+    distances = rng.uniform(-1, 1, (states, 40, 40, 40)).astype(np.float16).astype(np.float32)
+    names = draw(st.permutations(["success", "slipped", "nothing", "collision"]))[: draw(st.integers(1, 4))]
+    return Trials(
+        positions=rng.uniform(0, 0.3, (k, 3)).astype(np.float32),
+        quaternions=quaternions,
+        widths=rng.uniform(0, 0.08, k).astype(np.float32),
+        success=rng.random(k) < 0.5,
+        reasons=rng.integers(0, len(names), k).astype(np.uint8),
+        states=rng.integers(0, states, k).astype(np.uint8),
+        series=rng.integers(0, series, k).astype(np.uint8),
+        reason_names=tuple(names),
+        met=tuple(State(replace(scene(draw, rng, 2), materials=()), d) for d in distances),
+        made=tuple({"source": "states", "seed": draw(st.integers(0, 3)), "series": i} for i in range(series)),
     )
 
 
@@ -83,6 +107,9 @@ def assert_same(one: Record, other: Record) -> None:
     assert (one.distance is None) == (other.distance is None)
     if one.distance is not None:
         np.testing.assert_array_equal(one.distance, other.distance)
+    assert (one.trials is None) == (other.trials is None)
+    if one.trials is not None and other.trials is not None:
+        assert_same_trials(one.trials, other.trials)
     for field in ("points", "quaternions", "widths", "success"):
         np.testing.assert_array_equal(getattr(one.labels, field), getattr(other.labels, field))
     np.testing.assert_allclose(one.depths, other.depths, atol=1e-6)
@@ -91,3 +118,14 @@ def assert_same(one: Record, other: Record) -> None:
         np.testing.assert_array_equal(a.intrinsics, b.intrinsics)
         np.testing.assert_array_equal(a.world_from_camera, b.world_from_camera)
         assert (a.width, a.height, a.sensed) == (b.width, b.height, b.sensed)
+
+
+def assert_same_trials(one: Trials, other: Trials) -> None:
+    """Every column, state and series equal, to the last bit."""
+    for name, (kind, _) in COLUMNS.items():
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+        assert getattr(one, name).dtype == getattr(other, name).dtype == kind
+    assert (one.reason_names, one.made) == (other.reason_names, other.made)
+    for a, b in zip(one.met, other.met, strict=True):
+        assert a.scene == b.scene
+        np.testing.assert_array_equal(a.distance, b.distance)

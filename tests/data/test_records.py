@@ -17,6 +17,7 @@ from record_strategies import assert_same, records, records_without_photos
 from neugrasp.data import records as module
 from neugrasp.data.records import Record, add_distance, read_record, write_record
 from neugrasp.data.scene_folder import read_scene
+from neugrasp.data.trials import State, Trials
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.simulation.scene import Scene
@@ -88,15 +89,19 @@ def test_a_full_disk_leaves_nothing(record: Record, tmp_path: Path, monkeypatch:
 
 
 @pytest.mark.parametrize(
-    "name", ["scene.json", "world.json", "cell.json", "truth.npz", "grasps.npz", "targets/scene.json"]
+    "name",
+    ["scene.json", "world.json", "cell.json", "truth.npz", "grasps.npz", "trials.npz", "targets/scene.json"],
 )
 @pytest.mark.parametrize("damage", ["missing", "cut", "garbage"])
 def test_a_damaged_file_is_named(name: str, damage: str, record: Record, tmp_path: Path) -> None:
     folder = tmp_path / "scene"
-    write_record(folder, record)
+    write_record(folder, replace(record, trials=some_trials()))
     path = folder / name
     if damage == "missing":
         path.unlink()
+        if name == "trials.npz":
+            assert read_record(folder).trials is None
+            return
     elif damage == "cut":
         path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     else:
@@ -104,6 +109,23 @@ def test_a_damaged_file_is_named(name: str, damage: str, record: Record, tmp_pat
     with pytest.raises(InputError) as caught:
         read_record(folder)
     assert str(path) in str(caught.value)
+
+
+def some_trials() -> Trials:
+    """Trials of one grasp."""
+    column = np.zeros(1, np.uint8)
+    return Trials(
+        positions=np.zeros((1, 3), np.float32),
+        quaternions=np.zeros((1, 4), np.float32),
+        widths=np.zeros(1, np.float32),
+        success=np.zeros(1, np.bool_),
+        reasons=column,
+        states=column,
+        series=column,
+        reason_names=("slipped",),
+        met=(State(Scene("pile", 0, ()), np.zeros((40, 40, 40), np.float32)),),
+        made=({"source": "labels"},),
+    )
 
 
 def grid(scene: Scene) -> np.ndarray:

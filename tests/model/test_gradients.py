@@ -16,19 +16,19 @@ STEP = 2e-3
 """Of a unit vector: float32 has 24 bits, and the network has kinks."""
 
 
-def slope(function, at: Tensor, direction: Tensor) -> float:
+def slope(function, at: Tensor, direction: Tensor, step: float) -> float:
     """By central differences."""
     with torch.no_grad():
-        return float((function(at + STEP * direction) - function(at - STEP * direction)) / (2 * STEP))
+        return float((function(at + step * direction) - function(at - step * direction)) / (2 * step))
 
 
-def agrees(function, at: Tensor) -> None:
+def agrees(function, at: Tensor, step: float = STEP) -> None:
     """The length of the gradient is the slope along it."""
     at = at.clone().requires_grad_()
     (gradient,) = torch.autograd.grad(function(at), at)
     length = gradient.norm()
     assert length > 1e-3
-    assert float(length) == pytest.approx(slope(function, at.detach(), gradient / length), rel=0.05)
+    assert float(length) == pytest.approx(slope(function, at.detach(), gradient / length, step), rel=0.05)
 
 
 def points_inside() -> Tensor:
@@ -54,7 +54,8 @@ def test_of_the_signed_distance_to_a_cameras_place(model: NeuGrasp, views: ViewT
         scene = scene_of(model, replace(views, cameras=moved))
         return model.field(scene.at_points(points_inside()), model.workspace)[0].sum()
 
-    agrees(field, views.cameras.camera_from_workspace)
+    # A millimetre is half a pixel, and between pixels the maps have kinks.
+    agrees(field, views.cameras.camera_from_workspace, step=3e-4)
 
 
 def test_of_the_blended_colours_to_the_photos(model: NeuGrasp, views: ViewTensors):

@@ -90,6 +90,11 @@ def test_records_hold_what_was_simulated(undisturbed: Path) -> None:
         seen = set(np.unique(record.masks)) - {-1, 0}
         assert seen <= set(range(1, len(record.scene.bodies) + 1))
         assert record.distance is not None
+        assert record.trials is not None
+        assert len(record.trials) == 2 * 6
+        assert record.trials.met[0].scene == replace(record.scene, materials=())
+        np.testing.assert_array_equal(record.trials.met[0].distance, record.distance)
+        assert np.any(record.trials.success) == np.any(record.labels.success)
         # Glassware is hollow and thin; where the fused grid is well in front of it, the mesh is, too.
         assert np.all(record.distance[record.observed & (record.tsdf > 0.9)] > 0)
         # The table plane, 5 cm above the floor of the cube, is the surface in most columns.
@@ -99,6 +104,7 @@ def test_records_hold_what_was_simulated(undisturbed: Path) -> None:
     assert not np.array_equal(records[1].backgrounds, records[2].backgrounds)
 
 
+@pytest.mark.slow
 def test_a_data_set_made_without_mesh_distances_is_given_those_it_would_have(
     undisturbed: Path, tmp_path: Path
 ) -> None:
@@ -109,11 +115,33 @@ def test_a_data_set_made_without_mesh_distances_is_given_those_it_would_have(
         path.write_bytes(npz_bytes(**arrays))
     assert digest(old) != digest(undisturbed)
     program = [sys.executable, HERE.parents[1] / "benchmarks" / "add_distance.py", old, "--sets", "glassware"]
-    for told in ("3 given their mesh distance, 0 had it", "0 given their mesh distance, 3 had it"):
+    for told in ("3 of 3 records, 0 had it, 0 failed", "3 of 3 records, 3 had it, 0 failed"):
         done = subprocess.run(program, capture_output=True, text=True, check=True)
         assert told in done.stdout
     made = {name: hash for name, hash in digest(old).items() if not name.startswith(".")}
     assert made == digest(undisturbed)
+
+
+@pytest.mark.slow
+def test_trials_are_added_once_and_change_nothing_else(undisturbed: Path, tmp_path: Path) -> None:
+    out = tmp_path / "more"
+    shutil.copytree(undisturbed, out)
+    (out / "scenes" / "packed-4-000001" / "trials.npz").unlink()
+    program = [sys.executable, HERE.parents[1] / "benchmarks" / "add_trials.py", out, "--sets", "glassware"]
+    before, options = digest(out), ["--points", "4", "--removed", "0,1"]
+    for told in ("3 of 3 records, 0 had it, 0 failed", "3 of 3 records, 3 had it, 0 failed"):
+        done = subprocess.run([*program, *options], capture_output=True, text=True, check=True)
+        assert told in done.stdout
+    after = {name: hash for name, hash in digest(out).items() if not name.startswith(".")}
+    changed = {name for name, hash in after.items() if before.get(name) != hash}
+    assert changed == {f"scenes/packed-4-{index:06d}/trials.npz" for index in range(3)}
+    for path in sorted((out / "scenes").iterdir()):
+        record = read_record(path)
+        assert record.trials is not None
+        assert record.trials.met[0].scene == replace(record.scene, materials=())
+        sources = [series["source"] for series in record.trials.made]
+        assert sources == (["states"] if path.name.endswith("1") else ["labels", "states"])
+        assert np.sum(record.trials.series == len(sources) - 1) == len(record.trials.met) * 4 * 6
 
 
 def test_two_workers_give_the_same_bytes(

@@ -1,8 +1,9 @@
 """One simulated scene with everything that is known about it, in memory and as a folder on disk.
 
 The folder is an ordinary scene (scene.json, images/, backgrounds/); beside it lie `targets/`, a second scene
-with the views from the hemisphere, world.json, cell.json, truth.npz and grasps.npz. docs/data_format.md
-describes each. A record without photos has only the last four.
+with the views from the hemisphere, world.json, cell.json, truth.npz, grasps.npz and trials.npz.
+docs/data_format.md describes each. A record without photos has only the last five; older ones have no
+trials.npz.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ from numpy.typing import NDArray
 from neugrasp.data.labels import Labels, labels_from_bytes, labels_to_bytes
 from neugrasp.data.npz import npz_arrays, npz_bytes
 from neugrasp.data.scene_folder import read_scene, write_scene
+from neugrasp.data.trials import Trials, trials_from_bytes, trials_to_bytes
+from neugrasp.data.whole_or_nothing import replace_file
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.workspace import Workspace
@@ -30,6 +33,7 @@ from neugrasp.views import View, Views
 DEPTH_UNIT = 1e-4
 """Metres that one step of a stored depth stands for; 0 is no surface."""
 FILES = ("world.json", "cell.json", "truth.npz", "grasps.npz")
+TRIALS_FILE = "trials.npz"
 PHOTO_FILES = ("scene.json", "targets/scene.json")
 _TRUTH = ("tsdf", "observed", "depth", "masks")
 NO_PHOTOS = np.zeros((0, 0, 0, 3), np.uint8)
@@ -70,6 +74,8 @@ class Record:
     distance: NDArray[np.float32] | None = None
     """The mesh distance (40, 40, 40): Euclidean, in units of the truncation, in [-1, 1], true everywhere.
     None in records of before it was stored."""
+    trials: Trials | None = None
+    """All grasps that were executed, those behind the labels among them; None where they were not kept."""
 
     @property
     def has_photos(self) -> bool:
@@ -139,8 +145,8 @@ PhotosWanted = Literal["all", "inputs", "none"]
 """Which photos of a record are read."""
 
 
-def read_record(folder: Path, photos: PhotosWanted = "all") -> Record:
-    """The record in `folder`, with as many of its photos as are wanted.
+def read_record(folder: Path, photos: PhotosWanted = "all", trials: bool = True) -> Record:
+    """The record in `folder`, with what of photos and trials is wanted.
 
     Raises `InputError` naming the file that is missing or damaged.
     """
@@ -158,9 +164,16 @@ def read_record(folder: Path, photos: PhotosWanted = "all") -> Record:
         cell=cell,
         **(truth | (_photos(folder, photos) if cell.get("photos", True) else without_photos())),
         labels=labels_from_bytes((folder / "grasps.npz").read_bytes(), str(folder / "grasps.npz")),
+        trials=read_trials(folder) if trials else None,
     )
     check_record(record, str(folder))
     return record
+
+
+def read_trials(folder: Path) -> Trials | None:
+    """The trials of the record in `folder`, None where it has none. Raises `InputError` where damaged."""
+    path = folder / TRIALS_FILE
+    return trials_from_bytes(path.read_bytes(), str(path)) if path.is_file() else None
 
 
 def _need(folder: Path, files: tuple[str, ...]) -> None:
@@ -253,13 +266,7 @@ def add_distance(folder: Path, distance: Callable[[Scene], NDArray[np.float32]])
         return False
     world = folder / "world.json"
     grid = distance(scene_from_json(world.read_text(errors="replace"), world))
-    temporary = path.with_name(f".{path.name}.tmp")
-    try:
-        temporary.write_bytes(npz_bytes(**arrays, distance=grid.astype(np.float16)))
-        temporary.replace(path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise NeuGraspError(f"{path}: cannot be written ({error.strerror}); it stays as it was") from error
+    replace_file(path, npz_bytes(**arrays, distance=grid.astype(np.float16)))
     return True
 
 
@@ -271,6 +278,8 @@ def _write_files(folder: Path, record: Record) -> None:
     (folder / "cell.json").write_text(json.dumps(record.cell, indent=1, sort_keys=True) + "\n")
     (folder / "truth.npz").write_bytes(truth_to_bytes(record))
     (folder / "grasps.npz").write_bytes(labels_to_bytes(record.labels))
+    if record.trials is not None:
+        (folder / TRIALS_FILE).write_bytes(trials_to_bytes(record.trials))
 
 
 def _views(

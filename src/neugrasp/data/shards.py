@@ -21,6 +21,7 @@ from PIL import Image as Picture
 from neugrasp.data.labels import labels_from_bytes, labels_to_bytes
 from neugrasp.data.records import (
     NO_PHOTOS,
+    TRIALS_FILE,
     PhotosWanted,
     Record,
     check_record,
@@ -29,6 +30,7 @@ from neugrasp.data.records import (
     truth_to_bytes,
     without_photos,
 )
+from neugrasp.data.trials import trials_from_bytes, trials_to_bytes
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.simulation.scene import camera_from_dict, camera_to_dict, scene_from_json, scene_to_json
 from neugrasp.views import Image
@@ -152,6 +154,8 @@ def _members(record: Record, quality: int | None) -> dict[str, bytes]:
     members[f"{record.name}/record.json"] = json.dumps(description).encode()
     members[f"{record.name}/truth.npz"] = truth_to_bytes(record)
     members[f"{record.name}/grasps.npz"] = labels_to_bytes(record.labels)
+    if record.trials is not None:
+        members[f"{record.name}/{TRIALS_FILE}"] = trials_to_bytes(record.trials)
     return members
 
 
@@ -216,13 +220,13 @@ class Shards(Sequence[Record]):
             return [self[i] for i in range(*index.indices(len(self)))]
         return self.read(index)
 
-    def read(self, index: int, photos: PhotosWanted = "all") -> Record:
-        """The record at `index`, with as many of its photos as are wanted. Raises like indexing."""
+    def read(self, index: int, photos: PhotosWanted = "all", trials: bool = True) -> Record:
+        """The record at `index`, with what of photos and trials is wanted. Raises like indexing."""
         entry = self.entries[index]
         path = self.folder / entry["shard"]
         try:
             with zipfile.ZipFile(path) as archive:
-                return _record(archive, entry["name"], f"{path}, {entry['name']}", photos)
+                return _record(archive, entry["name"], f"{path}, {entry['name']}", photos, trials)
         except FileNotFoundError as error:
             raise InputError(
                 f"{path}: missing; copy it beside the index or pack the records again"
@@ -235,16 +239,19 @@ class Shards(Sequence[Record]):
             ) from error
 
 
-def _record(archive: zipfile.ZipFile, name: str, source: str, photos: PhotosWanted) -> Record:
+def _record(archive: zipfile.ZipFile, name: str, source: str, photos: PhotosWanted, trials: bool) -> Record:
     description = json.loads(archive.read(f"{name}/record.json"))
     truth = truth_from_bytes(archive.read(f"{name}/truth.npz"), source)
     seen = _seen(archive, description, photos)
+    file = f"{name}/{TRIALS_FILE}"
+    has_trials = trials and file in archive.namelist()
     record = Record(
         name=name,
         scene=scene_from_json(json.dumps(description["scene"]), source),
         cell=description["cell"],
         **(truth | seen),
         labels=labels_from_bytes(archive.read(f"{name}/grasps.npz"), source),
+        trials=trials_from_bytes(archive.read(file), source) if has_trials else None,
     )
     check_record(record, source)
     return record

@@ -1,4 +1,4 @@
-"""A folder that is written whole or not at all."""
+"""A folder, and a file, that is written whole or not at all."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from neugrasp.errors import NeuGraspError
 
 
 @contextmanager
@@ -28,3 +30,17 @@ def whole_or_nothing(out: Path) -> Iterator[Path]:
             out.rmdir()
         raise
     part.rmdir()
+
+
+def replace_file(path: Path, data: bytes) -> None:
+    """Writes a file in the place of the one that may be there: whoever reads it finds the old or the new one.
+
+    Raises `NeuGraspError` where the disk refuses; the old file stays.
+    """
+    temporary = path.with_name(f".{path.name}.tmp")
+    try:
+        temporary.write_bytes(data)
+        temporary.replace(path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise NeuGraspError(f"{path}: cannot be written ({error.strerror}); it stays as it was") from error

@@ -12,7 +12,7 @@ from neugrasp.gripper import Gripper
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.series import execute_each
 from neugrasp.simulation.surface import SurfacePoints, visible_surface
-from neugrasp.simulation.trials import REASONS
+from neugrasp.simulation.trials import Trial
 
 BORDER = 0.02
 """Metres from the sides and the top of the workspace within which nothing is tried."""
@@ -37,8 +37,10 @@ class GraspLabels:
     more than the object's own width: the engine keeps 1 mm around each of the four surfaces that meet."""
     success: NDArray[np.bool_]
     """(n,)"""
-    reasons: tuple[tuple[str, int], ...]
-    """How many trials ended for which reason; all points and yaws counted."""
+    poses: Array
+    """(n num_yaws, 4, 4) all that was tried, workspace frame, at the TCP: yaw by yaw, point by point."""
+    trials: tuple[Trial, ...]
+    """What came of each."""
 
 
 def label(
@@ -55,13 +57,12 @@ def label(
     """
     points, rotations = candidates(world, rng, num_points)
     poses = grasp_poses(points, rotations, num_yaws)
-    trials = iter(execute_each(world, at_tcp(poses, world.gripper).reshape(-1, 4, 4), rule))
-    counts = dict.fromkeys(REASONS, 0)
+    executed = at_tcp(poses, world.gripper).reshape(-1, 4, 4)
+    outcomes = execute_each(world, executed, rule)
+    trials = iter(outcomes)
     quaternions, widths, successes = [], [], []
     for at_point in poses:
         tried = [next(trials) for _ in at_point]
-        for trial in tried:
-            counts[trial.reason] += 1
         best = middle_of_widest_run([trial.success for trial in tried])
         chosen = 0 if best is None else best
         quaternions.append(to_quaternion(at_point[chosen]))
@@ -72,7 +73,8 @@ def label(
         np.array(quaternions, dtype=np.float32).reshape(-1, 4),
         np.array(widths, dtype=np.float32),
         np.array(successes, dtype=np.bool_),
-        tuple(counts.items()),
+        executed,
+        tuple(outcomes),
     )
 
 

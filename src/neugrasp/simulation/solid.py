@@ -8,7 +8,7 @@ import numpy as np
 
 from neugrasp.geometry.pose import Array
 
-_BLOCK = 200_000
+_BLOCK = 60_000
 """Pairs of a point and a triangle that are looked at together: what a processor's cache holds."""
 _ROUNDING = 1e-8
 """Metres by which a bound may be wrong."""

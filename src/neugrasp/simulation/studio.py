@@ -7,7 +7,7 @@ import time
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +15,15 @@ import numpy as np
 
 from neugrasp.data.labels import Labels
 from neugrasp.data.records import Record, without_photos, write_record
+from neugrasp.data.trials import State
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
 from neugrasp.simulation.arrange import arrange
 from neugrasp.simulation.cell import sample_cell
 from neugrasp.simulation.cell_photos import Photographer, backgrounds
-from neugrasp.simulation.labels import label
+from neugrasp.simulation.grasp_trials import label_trials
+from neugrasp.simulation.labels import GraspLabels, label
 from neugrasp.simulation.materials import sample_materials
 from neugrasp.simulation.mesh_distance import mesh_distance
 from neugrasp.simulation.objects import KINDS, ObjectLibrary
@@ -110,15 +112,21 @@ class Studio:
         with self._timed("distance"):
             distance = mesh_distance(scene.bodies, self.library, self.workspace)
         with self._timed("grasps"):
-            labels = self._labels(index)
+            grasps = label(self.world, self._rng("grasps", index), num_points=self.config.grasp_points)
         record = Record(
             name=self.config.record_name(index),
             scene=scene,
             **self._seen(index, scene),
             tsdf=tsdf.values,
             observed=tsdf.observed,
-            labels=labels,
+            labels=_labels(grasps),
             distance=distance,
+            trials=label_trials(
+                grasps.poses,
+                grasps.trials,
+                State(replace(scene, materials=()), distance),
+                self.config.gripper,
+            ),
         )
         with self._timed("write"):
             folder = self.config.out / "scenes" / record.name
@@ -154,15 +162,6 @@ class Studio:
             "depths": np.stack([depth for depth, _ in looks]).astype(np.float32),
             "masks": np.stack([mask for _, mask in looks]).astype(np.int8),
         }
-
-    def _labels(self, index: int) -> Labels:
-        grasps = label(self.world, self._rng("grasps", index), num_points=self.config.grasp_points)
-        return Labels(
-            np.asarray(grasps.points, dtype=np.float32),
-            np.asarray(grasps.quaternion_xyzw, dtype=np.float32),
-            np.asarray(grasps.width, dtype=np.float32),
-            np.asarray(grasps.success, dtype=bool),
-        )
 
     def _cell(self, cell_index: int) -> Cell:
         config = self.config
@@ -208,3 +207,12 @@ class Studio:
         start = time.perf_counter()
         yield
         self.seconds[stage] += time.perf_counter() - start
+
+
+def _labels(grasps: GraspLabels) -> Labels:
+    return Labels(
+        np.asarray(grasps.points, dtype=np.float32),
+        np.asarray(grasps.quaternion_xyzw, dtype=np.float32),
+        np.asarray(grasps.width, dtype=np.float32),
+        np.asarray(grasps.success, dtype=bool),
+    )

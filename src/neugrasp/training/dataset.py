@@ -29,8 +29,8 @@ class Records(Protocol):
 
     def __len__(self) -> int: ...
 
-    def read(self, index: int, photos: PhotosWanted = "all") -> Record:
-        """A record, with as many of its photos as are wanted."""
+    def read(self, index: int, photos: PhotosWanted = "all", trials: bool = True) -> Record:
+        """A record, with what of photos and trials is wanted."""
         ...
 
     def has_photos(self, index: int) -> bool:
@@ -55,9 +55,9 @@ class RecordFolder:
     def __len__(self) -> int:
         return len(self.folders)
 
-    def read(self, index: int, photos: PhotosWanted = "all") -> Record:
-        """A record, with as many of its photos as are wanted."""
-        return read_record(self.folders[index], photos)
+    def read(self, index: int, photos: PhotosWanted = "all", trials: bool = True) -> Record:
+        """A record, with what of photos and trials is wanted."""
+        return read_record(self.folders[index], photos, trials)
 
     def has_photos(self, index: int) -> bool:
         """Whether a record has photos, without reading it."""
@@ -81,9 +81,12 @@ def open_records(folder: Path) -> Records:
 
 
 def read_records(folder: Path) -> Iterator[Record]:
-    """Every record in a folder, one after the other. Raises `InputError` where one is damaged."""
+    """Every record in a folder, one after the other, without its trials, which no loss reads.
+
+    Raises `InputError` where one is damaged.
+    """
     records = open_records(folder)
-    return (records.read(index) for index in range(len(records)))
+    return (records.read(index, trials=False) for index in range(len(records)))
 
 
 class Scenes:
@@ -118,7 +121,7 @@ class Scenes:
     def sample(self, index: int, rng: np.random.Generator | None) -> Sample:
         """A scene with photos as a step sees it: augmented with a generator, as it stands without one."""
         records, at = self.places[index]
-        record = records.read(at, "all" if self.reads_targets else "inputs")
+        record = records.read(at, "all" if self.reads_targets else "inputs", trials=False)
         inputs, targets = crop_views(record, self.workspace, self.size)
         prepared = [self._prepared(index, place, view) for place, view in enumerate((*inputs, *targets))]
         groups = tuple(prepared[: len(inputs)]), tuple(prepared[len(inputs) :])
@@ -127,7 +130,7 @@ class Scenes:
     def truth(self, index: int, symmetry: Symmetry) -> Truth:
         """Labels and grids of a scene, moved by a symmetry."""
         records, at = self.places[index]
-        return truth_of(records.read(at, "none"), symmetry, self.workspace)
+        return truth_of(records.read(at, "none", trials=False), symmetry, self.workspace)
 
     def _prepared(self, index: int, place: int, view: View) -> PreparedView:
         if not self.finds_changes:
