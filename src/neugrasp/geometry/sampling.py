@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any, ParamSpec, TypeVar
 
@@ -20,6 +21,9 @@ from torch import Tensor
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import inverse
 
+AUTOCASTS = ("cpu", "cuda", "mps", "xpu")
+"""Kinds of device that autocast knows."""
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -29,10 +33,20 @@ def full_precision(function: Callable[P, R]) -> Callable[P, R]:
 
     @functools.wraps(function)
     def exact(*args: P.args, **kwargs: P.kwargs) -> R:
-        with torch.autocast("cpu", enabled=False), torch.autocast("cuda", enabled=False):
+        with ExitStack() as stack:
+            for kind in AUTOCASTS:
+                if torch.is_autocast_enabled(kind):
+                    stack.enter_context(torch.autocast(kind, enabled=False))
             return function(*args, **kwargs)
 
     return exact
+
+
+def reduced_type(device: torch.device) -> torch.dtype | None:
+    """The type of numbers that autocast takes for products on a device, None where it is off."""
+    if device.type in AUTOCASTS and torch.is_autocast_enabled(device.type):
+        return torch.get_autocast_dtype(device.type)
+    return None
 
 
 @dataclass(frozen=True)
@@ -47,9 +61,7 @@ class LookupTable:
     @classmethod
     def of(cls, values: Tensor) -> LookupTable:
         """Of (rows, c), read in the precision of the products: under autocast, in bfloat16."""
-        kind = values.device.type
-        reduced = torch.is_autocast_enabled(kind)
-        return cls(values, values.detach().to(torch.get_autocast_dtype(kind) if reduced else values.dtype))
+        return cls(values, values.detach().to(reduced_type(values.device) or values.dtype))
 
     @classmethod
     def of_maps(cls, maps: Tensor) -> LookupTable:

@@ -6,6 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from neugrasp.geometry.sampling import full_precision
 from neugrasp.model.config import ModelConfig
 from neugrasp.model.norm import GroupNorm
 
@@ -22,10 +23,13 @@ class ReflectedConv(nn.Conv2d):
 
     def forward(self, x: Tensor) -> Tensor:
         """(n, channels_in, h, w) to (n, channels_out, h / stride, w / stride)."""
-        # Autocast would make borders in float32.
-        with torch.autocast(x.device.type, enabled=False):
-            bordered = F.pad(x, self.border, mode="reflect")
-        return super().forward(bordered)
+        return super().forward(_reflected(x, self.border))
+
+
+@full_precision
+def _reflected(x: Tensor, border: tuple[int, ...]) -> Tensor:
+    """With reflected borders, in the precision that it comes in: autocast would make them float32."""
+    return F.pad(x, border, mode="reflect")
 
 
 class StridedPointwise(nn.Conv2d):
