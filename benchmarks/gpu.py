@@ -2,7 +2,7 @@
 
     python benchmarks/gpu.py --data SHARDS ... --validation SHARDS ... --out DIR --minutes 8 VARIANT ...
 
-A step of one scene leaves most of a GPU idle, so variants share it, a process each. Every process first takes
+Variants share the GPU, a process each; one alone takes more steps. Every process first takes
 a few steps to see how long one takes beside the others, then trains for as many as fit into the minutes, so
 that the learning rate has fallen when they are over. `DIR/VARIANT.safetensors` and `DIR/VARIANT.jsonl` are
 written whenever a variant has been validated. `tests/gpu` (`pytest -m gpu`) is the smoke test to run before.

@@ -203,7 +203,7 @@ class Train:
     recipe: str = "small"
     """Model, losses and schedule, by name (src/neugrasp/training/recipes.py)."""
     validation: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="DIR [DIR ...]")] = ()
-    """Folders to validate on; without any, the last twentieth of the data is kept aside."""
+    """Folders to validate on; without any, every twentieth scene is kept aside."""
     init: str | None = None
     """Weights to start from, by name or file; of another network than the recipe's, only the grasp head is
     taken."""

@@ -1,1 +1,1 @@
-"""The paper's network and training step as one would first write them, to measure the product against."""
+"""The paper's network as one would first write it: what the package's network is compared with."""

@@ -95,7 +95,7 @@ def stratified_samples(rays: Rays, num: int, generator: torch.Generator | None) 
     if generator is None:
         fractions = torch.linspace(0, 1, num, device=rays.near.device).expand(count, num)
     else:
-        jitter = torch.rand((count, num), generator=generator, device=generator.device)
+        jitter = torch.rand((count, num), generator=generator).to(rays.near)
         fractions = (torch.arange(num, device=rays.near.device) + jitter) / num
     return rays.near.unsqueeze(1) + fractions * (rays.far - rays.near).unsqueeze(1)
 
@@ -109,9 +109,7 @@ def importance_samples(
     cdf = torch.cat([torch.zeros_like(cdf[:, :1]), cdf], dim=1)
     even = (torch.arange(num, device=cdf.device) + 0.5) / num
     if generator is not None:
-        even = (
-            even + (torch.rand((len(cdf), num), generator=generator, device=cdf.device) - 0.5) / num
-        ).clamp(0, 1)
+        even = (even + (torch.rand((len(cdf), num), generator=generator).to(cdf) - 0.5) / num).clamp(0, 1)
     u = even.expand(len(cdf), num).contiguous()
     upper = torch.searchsorted(cdf, u, right=True).clamp(1, cdf.shape[1] - 1)
     low_cdf, high_cdf = cdf.gather(1, upper - 1), cdf.gather(1, upper)

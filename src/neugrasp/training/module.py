@@ -56,7 +56,8 @@ class TrainingModule(nn.Module):
         config = self.config
         # A prime apart, so that no rank draws what another does a few steps later.
         seed = config.seed * 1_000_003 + step + self.rank * 15_485_863
-        generator = torch.Generator(next(self.parameters()).device).manual_seed(seed)
+        # On the CPU whatever the device: every device draws the same.
+        generator = torch.Generator().manual_seed(seed)
         from_meshes = bool(config.weights.distance)
         if not batch.samples:
             losses = {"grasp": head_loss(self.network, batch.truths, from_meshes, generator)}
@@ -91,14 +92,11 @@ def head_loss(
 def imperfect(tsdf: Tensor, generator: torch.Generator) -> Tensor:
     """A TSDF (r, r, r) blurred by up to a voxel, with bumps of several voxels and a little noise."""
     resolution = tsdf.shape[0]
-    device = generator.device
-    scales = torch.rand(3, generator=generator, device=device) * torch.tensor(
-        [1.0, 0.25, 0.05], device=device
-    )
-    blur, bumps, noise = scales.unbind()
-    coarse = torch.randn((1, 1, 8, 8, 8), generator=generator, device=device)
+    most = torch.tensor([1.0, 0.25, 0.05])
+    blur, bumps, noise = (torch.rand(3, generator=generator) * most).to(tsdf).unbind()
+    coarse = torch.randn((1, 1, 8, 8, 8), generator=generator).to(tsdf)
     smooth = F.interpolate(coarse, size=(resolution,) * 3, mode="trilinear", align_corners=False)[0, 0]
-    fine = torch.randn(tsdf.shape, generator=generator, device=device)
+    fine = torch.randn(tsdf.shape, generator=generator).to(tsdf)
     return (_blurred(tsdf, blur) + bumps * smooth + noise * fine).clamp(-1, 1)
 
 
@@ -171,7 +169,8 @@ def _random_columns(model: NeuGrasp, config: TrainConfig, generator: torch.Gener
     num = model.workspace.resolution**2
     if not 0 < config.columns < num:
         return None
-    return torch.randperm(num, generator=generator, device=generator.device)[: config.columns]
+    device = next(model.parameters()).device
+    return torch.randperm(num, generator=generator)[: config.columns].to(device)
 
 
 def _encode(model: NeuGrasp, inputs: Photos) -> EncodedViews:
@@ -186,11 +185,10 @@ def _encode(model: NeuGrasp, inputs: Photos) -> EncodedViews:
 def _some_views(photos: Photos, config: TrainConfig, generator: torch.Generator) -> Photos:
     """All the views in random order, or sometimes fewer of them."""
     count = len(photos.changes)
-    device = generator.device
-    order = torch.randperm(count, generator=generator, device=device).tolist()
+    order = torch.randperm(count, generator=generator).tolist()
     least = config.min_views
-    if count > least and float(torch.rand((), generator=generator, device=device)) < config.view_dropout:
-        order = order[: int(torch.randint(least, count, (), generator=generator, device=device))]
+    if count > least and float(torch.rand((), generator=generator)) < config.view_dropout:
+        order = order[: int(torch.randint(least, count, (), generator=generator))]
     return drop_views(photos, order)
 
 
@@ -203,7 +201,7 @@ def _target_losses(
     generator: torch.Generator,
 ) -> tuple[Tensor, Tensor]:
     """Photometric and carving loss of rays of one target view."""
-    view = int(torch.randint(len(targets.changes), (), generator=generator, device=generator.device))
+    view = int(torch.randint(len(targets.changes), (), generator=generator))
     rays, row, column = choose_rays(model, targets, view, config.rays, generator)
     coarse, fine = model.render(reconstruction.scene, rays, sharpness, generator)
     colour = targets.views.images[view, :, row, column].T
@@ -249,7 +247,7 @@ def choose_rays(
     """
     changes = photos.changes[view]
     height, width = changes.shape
-    candidates = torch.randint(height * width, (4 * num,), generator=generator, device=generator.device)
+    candidates = torch.randint(height * width, (4 * num,), generator=generator).to(changes.device)
     row, column = candidates // width, candidates % width
     pixels = torch.stack([column, row], dim=1).float()
     origins, directions = photos.views.cameras.rays(view, pixels)

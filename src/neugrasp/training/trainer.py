@@ -46,7 +46,7 @@ class TrainRun:
     """Folders of shards or records to train on."""
     out: Path
     validation: tuple[Path, ...] = ()
-    """Folders to validate on; without any, the last twentieth of the data is kept aside for it."""
+    """Folders to validate on; without any, every twentieth scene is kept aside for it."""
     device: str = "cpu"
     steps: int | None = None
     """Overrides the recipe's number of steps; the stages shrink or grow with it."""
