@@ -67,7 +67,10 @@ class Stopwatch:
 
 
 class NeuGraspDetector:
-    """Photos to grasps with the network. Features of the last backgrounds are kept and reused."""
+    """Photos to grasps with the network. Features of the last backgrounds are kept and reused.
+
+    One detector serves many threads, and many cells in turn.
+    """
 
     def __init__(
         self,
@@ -80,8 +83,8 @@ class NeuGraspDetector:
         self.gripper = gripper
         self.selection = selection or SelectionConfig()
         self.device = torch.device(device)
-        self._backgrounds_seen: Tensor | None = None
-        self._background_maps: Tensor | None = None
+        self._cached: tuple[Tensor, Tensor] | None = None
+        """The backgrounds seen last and their feature maps."""
 
     @classmethod
     def load(
@@ -110,7 +113,16 @@ class NeuGraspDetector:
 
     @torch.no_grad()
     def detect(self, views: Views) -> Detection:
-        """Surface and ranked grasps; raises `InputError` where a photo misses the workspace."""
+        """Surface and ranked grasps, from any number of threads at once.
+
+        Raises `InputError` where a photo misses the workspace, or the workspace is another cube than the
+        network was trained for.
+        """
+        if views.workspace.cube != self.model.workspace.cube:
+            raise InputError(
+                f"the scene's workspace is {views.workspace.describe()}; these weights were trained for "
+                f"{self.model.workspace.describe()}, and see nothing else"
+            )
         watch = Stopwatch()
         with watch.stage("prepare"):
             inputs = prepare(views, self.model.config.image_size).to(self.device)
@@ -140,8 +152,8 @@ class NeuGraspDetector:
     def _backgrounds(self, inputs: ViewTensors) -> Tensor | None:
         if not self.model.config.use_backgrounds:
             return None
-        known = self._backgrounds_seen
-        if known is None or not torch.equal(known, inputs.backgrounds):
-            self._background_maps = self.model.encode_backgrounds(inputs)
-            self._backgrounds_seen = inputs.backgrounds
-        return self._background_maps
+        cached = self._cached  # read once: another thread may be at another cell
+        if cached is None or not torch.equal(cached[0], inputs.backgrounds):
+            cached = inputs.backgrounds, self.model.encode(inputs.backgrounds)
+            self._cached = cached
+        return cached[1]

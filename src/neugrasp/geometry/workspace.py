@@ -44,6 +44,18 @@ class Workspace:
         return self.size / self.resolution
 
     @property
+    def cube(self) -> tuple[float, int, float, float]:
+        """Size, resolution, table height and truncation: everything but its place in the world."""
+        return (self.size, self.resolution, self.table_height, self.truncation)
+
+    def describe(self) -> str:
+        """The cube in words, for messages."""
+        return (
+            f"a cube of {self.size:g} m with {self.resolution} voxels an edge, its table at "
+            f"{self.table_height:g} m and a truncation of {self.truncation:g} m"
+        )
+
+    @property
     def centre(self) -> Array:
         """The middle of the table inside the cube, in the workspace frame: where cameras look."""
         return np.array([self.size / 2, self.size / 2, self.table_height])
