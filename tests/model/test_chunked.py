@@ -16,6 +16,7 @@ CPU = torch.device("cpu")
 @pytest.mark.parametrize("num", [1, 7, 8, 30])
 def test_pieces_cover_everything_once_in_order(monkeypatch: pytest.MonkeyPatch, num: int):
     monkeypatch.setattr(chunked, "CPU_POINTS", 8)
+    monkeypatch.setattr(chunked, "WITH_GRADIENT", 1)
     sizes = []
 
     def piece(part: slice) -> tuple[torch.Tensor, ...]:

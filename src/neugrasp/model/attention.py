@@ -10,6 +10,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from neugrasp.kernels import view_attention
+
 EPSILON = 1e-6
 """Added to the sum of a query's weights."""
 
@@ -47,6 +49,7 @@ class ViewTransformer(nn.Module):
 
     def __init__(self, dim: int, heads: int):
         super().__init__()
+        self.heads = heads
         self.register_buffer("same_head", same_head(dim, heads), persistent=False)
         self.token = nn.Parameter(torch.randn(dim, 1))
         self.query = linear(dim, dim)
@@ -63,14 +66,17 @@ class ViewTransformer(nn.Module):
 
         Without `need_views` only the learnable token asks questions, which is a fraction of the work.
         """
+        if view_attention.pays(tokens):
+            attended = view_attention.attend(self, tokens, 1 + len(tokens) if need_views else 1)
+            return attended[0], attended[1:] if need_views else None
         token = self.token.T.to(tokens.dtype).expand(1, tokens.shape[1], -1)
         x = torch.cat([token, tokens])
         asking = x if need_views else token
         query, key, value = feature_map(self.query(asking)), feature_map(self.key(x)), self.value(x)
         weights = F.linear(query.unsqueeze(1) * key, self.same_head)  # (queries, tokens, p, d)
         message = (weights * value).sum(1) / (weights.sum(1) + EPSILON)
-        message = self.norm_message(self.merge(message))
-        hidden = F.relu(self.expand(torch.cat([asking, message.to(asking.dtype)], dim=-1)))
+        message = self.norm_message(self.merge(message)).to(asking.dtype)
+        hidden = F.relu(self.expand(torch.cat([asking, message], dim=-1)))
         attended = asking + self.norm_mlp(self.contract(hidden)).to(asking.dtype)
         return attended[0], attended[1:] if need_views else None
 
