@@ -17,6 +17,7 @@ from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.contestants import weights_facts
 from neugrasp.evaluation.episode import CRASHED, Episode, attempt_line, read_episode, write_episode
+from neugrasp.evaluation.metrics_file import FORMAT, VERSION
 from neugrasp.evaluation.protocols import protocol_of, strategy_of
 from neugrasp.evaluation.rounds import num_rounds
 from neugrasp.evaluation.scores import scores
@@ -25,10 +26,9 @@ from neugrasp.geometry.view_sets import VIEW_SETS
 from neugrasp.gripper import Gripper
 from neugrasp.long_runs import begun_as, held, source_commit
 from neugrasp.metrics import wilson_interval
+from neugrasp.output import write_text
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.renderer import Renderer, RenderSettings
-
-FORMAT, VERSION = "neugrasp-metrics", 1
 
 log = logging.getLogger(__name__)
 
@@ -156,7 +156,5 @@ def _write(config: Evaluate, facts: dict[str, Any], episodes: list[Episode]) -> 
         ("attempts.jsonl", "".join(lines)),
         ("metrics.json", json.dumps(metrics, indent=1) + "\n"),
     ):
-        temporary = config.out / f".{name}.tmp"
-        temporary.write_text(text, encoding="utf-8")
-        temporary.replace(config.out / name)
+        write_text(config.out / name, text)
     return metrics

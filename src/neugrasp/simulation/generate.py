@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import logging
@@ -24,7 +23,8 @@ from pathlib import Path
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.geometry.view_sets import VIEW_SETS
 from neugrasp.gripper import Gripper
-from neugrasp.long_runs import begun_as, end_with, held
+from neugrasp.long_runs import begun_as, end_with, held, lock, unlock
+from neugrasp.output import write_text
 from neugrasp.simulation.cell_photos import Photographer
 from neugrasp.simulation.objects import KINDS, SPLITS, ObjectLibrary
 from neugrasp.simulation.renderer import Renderer, RenderSettings
@@ -123,8 +123,8 @@ def _describe(config: GenerateConfig, library: ObjectLibrary) -> None:
 def _only_one(out: Path) -> Iterator[None]:
     """Holds `out` for this process. Waits for workers that outlive a killed run by a moment."""
     with held(out, "generate"), (out / ".lock-workers").open("w") as workers:
-        fcntl.flock(workers, fcntl.LOCK_EX)
-        fcntl.flock(workers, fcntl.LOCK_UN)
+        lock(workers, waits=True)
+        unlock(workers)
         yield
 
 
@@ -153,7 +153,7 @@ class _Progress:
         per_scene = {stage: round(spent / self.made, 3) for stage, spent in self.seconds.items()}
         rate = round(3600 * self.made / wall, 1)
         data = {"scenes": self.made, "wall_s": round(wall, 1), "scenes_per_hour": rate}
-        path.write_text(json.dumps({**data, "seconds_per_scene": per_scene}, indent=1) + "\n")
+        write_text(path, json.dumps({**data, "seconds_per_scene": per_scene}, indent=1) + "\n")
 
 
 def _make_all(
@@ -235,8 +235,8 @@ def _start_worker(
     parent: int,
 ) -> None:
     worker = _Worker(config, make_photographer, threads, finished)
-    lock = worker.closing.enter_context((config.out / ".lock-workers").open("w"))
-    fcntl.flock(lock, fcntl.LOCK_SH)
+    file = worker.closing.enter_context((config.out / ".lock-workers").open("w"))
+    lock(file, shared=True, waits=True)
     end_with(parent)
     Finalize(None, worker.closing.close, exitpriority=10)
     _worker.append(worker)

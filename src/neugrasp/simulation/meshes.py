@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from uuid import uuid4
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array
+from neugrasp.output import write_text
 
 Faces = NDArray[np.int64]
 
@@ -100,10 +100,7 @@ def write_obj(path: Path, parts: tuple[Mesh, ...], decimals: int = 7) -> None:
         lines += [f"v {x:.{decimals}f} {y:.{decimals}f} {z:.{decimals}f}" for x, y, z in part.vertices]
         lines += [f"f {a} {b} {c}" for a, b, c in part.faces + offset]
         offset += len(part.vertices)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{uuid4().hex}.tmp")
-    temporary.write_text("\n".join(lines) + "\n")
-    temporary.replace(path)
+    write_text(path, "\n".join(lines) + "\n")
 
 
 def merged(parts: tuple[Mesh, ...]) -> Mesh:
