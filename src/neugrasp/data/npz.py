@@ -3,14 +3,34 @@
 from __future__ import annotations
 
 import io
+import struct
 import zipfile
 import zlib
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp.errors import InputError
+
+LARGEST = 2_000_000_000
+"""Bytes that an archive may unpack to."""
+WORDS = {"f": "floating numbers", "u": "unsigned integers", "i": "integers", "b": "truth values"}
+DAMAGE = (
+    ValueError,
+    TypeError,
+    OSError,
+    EOFError,
+    RuntimeError,
+    MemoryError,
+    OverflowError,
+    SyntaxError,
+    struct.error,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""What reading a damaged archive, or an array in it, may raise."""
 
 
 def npz_bytes(**arrays: NDArray[Any]) -> bytes:
@@ -20,12 +40,27 @@ def npz_bytes(**arrays: NDArray[Any]) -> bytes:
     return stream.getvalue()
 
 
-def npz_arrays(data: bytes, names: tuple[str, ...], source: str) -> dict[str, NDArray[Any]]:
-    """The named arrays of an npz file. Raises `InputError` naming `source` where it is damaged."""
+def npz_arrays(data: bytes, kinds: Mapping[str, str], source: str) -> dict[str, NDArray[Any]]:
+    """The named arrays of an npz file, each of its kind: "f" finite floats, "u" and "i" integers, "b" truth.
+
+    Raises `InputError` naming `source` where the file is damaged, or holds something else.
+    """
     try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            if sum(member.file_size for member in archive.infolist()) > LARGEST:
+                raise InputError(f"{source}: unpacks to more than {LARGEST / 1e9:.0f} GB")
         with np.load(io.BytesIO(data), allow_pickle=False) as loaded:
-            return {name: loaded[name] for name in names}
+            arrays = {name: loaded[name] for name in kinds}
     except KeyError as error:
-        raise InputError(f"{source}: has no array {error}; it must hold {', '.join(names)}") from error
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
-        raise InputError(f"{source}: damaged ({error}); generate the record again") from error
+        raise InputError(f"{source}: has no array {error}; it must hold {', '.join(kinds)}") from error
+    except DAMAGE as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{source}: damaged ({error or 'out of memory'})") from error
+    for name, kind in kinds.items():
+        array = arrays[name]
+        if not isinstance(array, np.ndarray) or array.dtype.kind != kind:
+            raise InputError(f"{source}: {name!r} holds no {WORDS[kind]}")
+        if kind == "f" and not np.all(np.isfinite(array)):
+            raise InputError(f"{source}: {name!r} holds NaN or infinite numbers")
+    return arrays

@@ -18,9 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from neugrasp.data.fields import Fields
 from neugrasp.data.labels import Labels, labels_from_bytes, labels_to_bytes
 from neugrasp.data.npz import npz_arrays, npz_bytes
 from neugrasp.data.scene_folder import read_scene, write_scene
+from neugrasp.data.strict_json import read_json
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.workspace import Workspace
@@ -132,14 +134,20 @@ def write_record(folder: Path, record: Record) -> None:
 
 
 def read_record(folder: Path) -> Record:
-    """The record in `folder`. Raises `InputError` naming the file that is missing or damaged."""
+    """The record in `folder`. Raises `InputError` naming the file that is missing or damaged, and how the
+    record is made again."""
     folder = Path(folder)
+    try:
+        return _read(folder)
+    except InputError as error:
+        again = f"delete {folder} and run `neugrasp generate` again as before: it makes what is missing"
+        raise InputError(f"{error}; {again}") from error
+
+
+def _read(folder: Path) -> Record:
     _need(folder, FILES)
     world = scene_from_json((folder / "world.json").read_text(errors="replace"), folder / "world.json")
-    try:
-        cell = json.loads((folder / "cell.json").read_text(errors="replace"))
-    except json.JSONDecodeError as error:
-        raise InputError(f"{folder / 'cell.json'}: not valid JSON ({error})") from error
+    cell = Fields(str(folder / "cell.json"), read_json(folder / "cell.json", "the work cell")).data
     photos = _photos(folder) if cell.get("photos", True) else without_photos()
     truth = truth_from_bytes((folder / "truth.npz").read_bytes(), str(folder / "truth.npz"))
     record = Record(
@@ -206,7 +214,7 @@ def truth_to_bytes(record: Record) -> bytes:
 
 def truth_from_bytes(data: bytes, source: str) -> dict[str, Any]:
     """The fields tsdf, observed, depths and masks of a `Record`."""
-    arrays = npz_arrays(data, ("tsdf", "observed", "depth", "masks"), source)
+    arrays = npz_arrays(data, {"tsdf": "f", "observed": "u", "depth": "u", "masks": "i"}, source)
     bits = np.unpackbits(arrays["observed"])[: arrays["tsdf"].size].astype(bool)
     if bits.size != arrays["tsdf"].size:
         raise InputError(f"{source}: 'observed' has {bits.size} voxels, 'tsdf' {arrays['tsdf'].size}")

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import re
 import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -17,7 +18,9 @@ from typing import Any
 import numpy as np
 from PIL import Image as Picture
 
+from neugrasp.data.fields import Fields
 from neugrasp.data.labels import labels_from_bytes, labels_to_bytes
+from neugrasp.data.npz import DAMAGE
 from neugrasp.data.records import (
     NO_PHOTOS,
     Record,
@@ -26,7 +29,9 @@ from neugrasp.data.records import (
     truth_from_bytes,
     truth_to_bytes,
 )
-from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.data.strict_json import parse_json, read_json
+from neugrasp.data.whole_or_nothing import whole_or_nothing
+from neugrasp.errors import InputError
 from neugrasp.simulation.scene import camera_from_dict, camera_to_dict, scene_from_json, scene_to_json
 from neugrasp.views import Image
 
@@ -35,6 +40,8 @@ VERSION = 1
 INDEX = "index.json"
 LIMIT = 60_000_000
 """Bytes; a shard never grows beyond it, unless a single record does."""
+LARGEST = 10 * LIMIT
+"""Bytes that a member may unpack to."""
 _IMAGES = ("images", "backgrounds", "targets", "target_backgrounds")
 
 
@@ -49,13 +56,12 @@ def pack(folders: Sequence[Path], out: Path, limit: int = LIMIT) -> Path:
         raise InputError(f"{', '.join(map(str, folders))}: no records here; generate some first")
     if doubled := sorted({name for name in names if names.count(name) > 1}):
         raise InputError(f"record {doubled[0]!r} is in two of the folders; names must differ")
-    out = Path(out)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        entries = [entry for shard in _shards(found, limit) for entry in shard.write(out)]
-        return _write_index(out, entries)
-    except OSError as error:
-        raise NeuGraspError(f"{out}: cannot be written ({error.strerror})") from error
+    earlier = sorted(path.name for path in out.glob("shard_*.zip"))
+    with whole_or_nothing(out, (INDEX, *earlier)) as part:
+        entries = [entry for shard in _shards(found, limit) for entry in shard.write(part)]
+        index = {"format": FORMAT, "version": VERSION, "records": entries}
+        (part / INDEX).write_text(json.dumps(index, indent=1), encoding="utf-8")
+    return out / INDEX
 
 
 @dataclass
@@ -71,13 +77,11 @@ class _Shard:
         return sum(len(data) + 2 * len(name) + 160 for name, data in (self.members | more).items())
 
     def write(self, out: Path) -> list[dict[str, Any]]:
-        """Writes the archive at once and gives the entries of the index."""
+        """Writes the archive and gives the entries of the index."""
         file = f"shard_{self.number:04d}.zip"
-        temporary = out / f".{file}.tmp"
-        with zipfile.ZipFile(temporary, "w", zipfile.ZIP_STORED) as archive:
+        with zipfile.ZipFile(out / file, "w", zipfile.ZIP_STORED) as archive:
             for name, data in self.members.items():
                 archive.writestr(zipfile.ZipInfo(name), data)
-        temporary.replace(out / file)
         return [{**entry, "shard": file} for entry in self.entries]
 
 
@@ -123,40 +127,17 @@ def _webp(image: Image) -> bytes:
     return stream.getvalue()
 
 
-def _write_index(out: Path, entries: list[dict[str, Any]]) -> Path:
-    used = {entry["shard"] for entry in entries}
-    for stale in out.glob("shard_*.zip"):
-        if stale.name not in used:
-            stale.unlink()
-    index, temporary = out / INDEX, out / f".{INDEX}.tmp"
-    temporary.write_text(json.dumps({"format": FORMAT, "version": VERSION, "records": entries}, indent=1))
-    temporary.replace(index)
-    return index
-
-
 class Shards(Sequence[Record]):
     """Random access to packed records. Picklable: archives are opened when they are first read."""
 
     def __init__(self, folder: Path):
-        """Raises `InputError` where the index is missing, damaged or of a newer version."""
+        """Raises `InputError` where the index is missing, damaged or of another version."""
         self.folder = Path(folder)
-        index = self.folder / INDEX
-        try:
-            data = json.loads(index.read_text())
-            if data["format"] != FORMAT:
-                raise InputError(f"{index}: not an index of {FORMAT}")
-            if data["version"] > VERSION:
-                raise InputError(
-                    f"{index}: version {data['version']}, this program reads {VERSION}; update it"
-                )
-            self.entries: list[dict[str, Any]] = data["records"]
-            self.names = tuple(entry["name"] for entry in self.entries)
-        except FileNotFoundError as error:
-            raise InputError(f"{index}: missing; pack records into this folder first") from error
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            if isinstance(error, InputError):
-                raise
-            raise InputError(f"{index}: damaged ({error!r}); pack the records again") from error
+        path = self.folder / INDEX
+        index = Fields(str(path), read_json(path, "an index made by `neugrasp pack`"))
+        index.expect(FORMAT, VERSION)
+        self.entries = tuple(_entry(fields) for fields in index.each("records"))
+        self.names = tuple(entry.name for entry in self.entries)
 
     def __len__(self) -> int:
         return len(self.entries)
@@ -166,39 +147,61 @@ class Shards(Sequence[Record]):
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         entry = self.entries[index]
-        path = self.folder / entry["shard"]
+        path = self.folder / entry.shard
         try:
             with zipfile.ZipFile(path) as archive:
-                return _record(archive, entry["name"], f"{path}, {entry['name']}")
+                return _record(archive, entry.name, f"{path}, {entry.name}")
         except FileNotFoundError as error:
             raise InputError(
                 f"{path}: missing; copy it beside the index or pack the records again"
             ) from error
-        except (zipfile.BadZipFile, KeyError, ValueError, OSError, EOFError, TypeError) as error:
-            if isinstance(error, InputError):
-                raise
+        except (*DAMAGE, LookupError, AttributeError, Picture.DecompressionBombError) as error:
+            reason = str(error).removeprefix(f"{path}, {entry.name}: ")
             raise InputError(
-                f"{path}: damaged at record {entry['name']} ({error}); copy or pack it again"
+                f"{path}: damaged at record {entry.name} ({reason}); copy or pack it again"
             ) from error
 
 
+@dataclass(frozen=True)
+class _Entry:
+    """Where a record is."""
+
+    name: str
+    shard: str
+    """The archive's name in the folder of the index."""
+
+
+def _entry(fields: Fields) -> _Entry:
+    name, shard = fields.text("name"), fields.text("shard")
+    if not re.fullmatch(r"shard_\d+\.zip", shard):
+        raise fields.refuse("shard", f"is {shard!r}; it must be shard_NUMBER.zip, beside the index")
+    return _Entry(name, shard)
+
+
 def _record(archive: zipfile.ZipFile, name: str, source: str) -> Record:
-    description = json.loads(archive.read(f"{name}/record.json"))
+    description = parse_json(_member(archive, f"{name}/record.json"), source)
     record = Record(
         name=name,
         scene=scene_from_json(json.dumps(description["scene"]), source),
-        cell=description["cell"],
+        cell=Fields(source, description["cell"], "cell.").data,
         cameras=tuple(camera_from_dict(camera) for camera in description["cameras"]),
         target_cameras=tuple(camera_from_dict(camera) for camera in description["target_cameras"]),
         images=_stacked(archive, description["images"]),
         backgrounds=_stacked(archive, description["backgrounds"]),
         targets=_stacked(archive, description["targets"]),
         target_backgrounds=_stacked(archive, description["target_backgrounds"]),
-        **truth_from_bytes(archive.read(f"{name}/truth.npz"), source),
-        labels=labels_from_bytes(archive.read(f"{name}/grasps.npz"), source),
+        **truth_from_bytes(_member(archive, f"{name}/truth.npz"), source),
+        labels=labels_from_bytes(_member(archive, f"{name}/grasps.npz"), source),
     )
     check_record(record, source)
     return record
+
+
+def _member(archive: zipfile.ZipFile, name: str) -> bytes:
+    size = archive.getinfo(name).file_size
+    if size > LARGEST:
+        raise ValueError(f"{name} unpacks to {size / 1e6:.0f} MB")
+    return archive.read(name)
 
 
 def _stacked(archive: zipfile.ZipFile, members: Sequence[str]) -> Image:
@@ -208,5 +211,5 @@ def _stacked(archive: zipfile.ZipFile, members: Sequence[str]) -> Image:
 
 def _image(archive: zipfile.ZipFile, member: str) -> Image:
     # Reading a member checks its CRC, so that a flipped bit is an error rather than a wrong pixel.
-    with Picture.open(io.BytesIO(archive.read(member))) as picture:
+    with Picture.open(io.BytesIO(_member(archive, member))) as picture:
         return np.asarray(picture.convert("RGB"))

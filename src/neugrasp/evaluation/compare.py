@@ -26,7 +26,7 @@ def compare(a: Path, b: Path) -> dict[str, Any]:
     The interval is a bootstrap over rounds. p is that of a randomisation test: were A and B alike, their
     results of a round could be swapped. Raises `InputError` where the rounds are not the same.
     """
-    facts = [facts_of(folder) for folder in (a, b)]
+    facts = [facts_of(folder, needs=("protocol",)) for folder in (a, b)]
     for key in SAME:
         if facts[0].get(key) != facts[1].get(key):
             raise InputError(

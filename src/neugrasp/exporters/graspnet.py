@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from neugrasp.data.npz import DAMAGE
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, rigid
 from neugrasp.grasp import Grasp
@@ -62,10 +63,15 @@ def read(file: Path, gripper: Gripper) -> list[Grasp]:
     """The grasps of an .npy file. Raises `InputError` where it holds anything else."""
     try:
         rows = np.load(file, allow_pickle=False)
-    except (OSError, ValueError) as error:
+    except DAMAGE as error:
         raise InputError(f"{file}: no .npy file of numbers ({error})") from error
     if not isinstance(rows, np.ndarray) or rows.ndim != 2 or rows.shape[1] != COLUMNS:
         raise InputError(f"{file}: holds no rows of {COLUMNS} numbers")
+    rotations = rows[:, 4:13].reshape(-1, 3, 3) if rows.dtype.kind == "f" else np.full((1, 3, 3), np.nan)
+    if not np.all(np.isfinite(rows)) or not np.allclose(
+        rotations @ rotations.transpose(0, 2, 1), np.eye(3), atol=1e-3
+    ):
+        raise InputError(f"{file}: holds no finite floating numbers, or what is no rotation")
     return decode(rows.astype(np.float64), gripper)
 
 

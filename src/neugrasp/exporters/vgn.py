@@ -56,4 +56,7 @@ def read(file: Path, gripper: Gripper) -> list[Grasp]:
         raise InputError(f"{file}: missing") from None
     except (KeyError, TypeError, ValueError, csv.Error) as error:
         raise InputError(f"{file}: needs the columns {','.join(COLUMNS)}, all numbers ({error!r})") from error
-    return decode(rows.reshape(-1, len(COLUMNS)), gripper)
+    rows = rows.reshape(-1, len(COLUMNS))
+    if not np.all(np.isfinite(rows)) or not np.allclose(np.linalg.norm(rows[:, :4], axis=1), 1, atol=0.01):
+        raise InputError(f"{file}: holds NaN or infinite numbers, or a quaternion that has not the length 1")
+    return decode(rows, gripper)
