@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
@@ -12,6 +13,8 @@ from neugrasp.exporters import graspnet, ros, vgn
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper, bundled
 from neugrasp.output import whole_file
+
+log = logging.getLogger(__name__)
 
 Format = Literal["graspnet", "vgn", "ros"]
 SUFFIXES: dict[Format, tuple[str, ...]] = {
@@ -36,14 +39,17 @@ def export_file(grasps: Path, out: Path, name: Format, gripper: str | None, stam
 
 
 def _hand(grasps: Path, found_for: str | None, given: str | None) -> Gripper:
-    """The gripper of a grasps.json: the one that it names. Raises `InputError` where that is not known, or
-    where another one is given."""
+    """The gripper of a grasps.json: as given, else the one that it names. Raises `InputError` where it names
+    none that is known; says so where another one is given."""
     if given is not None:
         hand = Gripper.load(given)
         if found_for not in (None, hand.name):
-            raise InputError(
-                f"{grasps}: found for gripper {found_for!r}, not for {hand.name!r}, whose lengths differ; "
-                f"the hand would stand elsewhere. Leave --gripper out, or predict with --gripper {given}"
+            log.warning(
+                "%s: its grasps were found for the gripper %r, not for %r: the TCP of either is put in "
+                "the same place, but whether the other hand fits there was not looked at",
+                grasps,
+                found_for,
+                hand.name,
             )
         return hand
     if found_for not in bundled():
