@@ -40,9 +40,8 @@ def check_solid(parts: tuple[Mesh, ...], file: Path) -> None:
         raise InputError(f"{file}: some faces are inside out; make all of them anticlockwise from outside")
 
 
-def check_pair(seen: tuple[Mesh, ...], touched: tuple[Mesh, ...], centre: Array, urdf: Path) -> None:
-    """Raises `InputError` where what is touched has no volume, or does not stand where what is seen does, or
-    the centre of mass lies beside both."""
+def check_pair(seen: tuple[Mesh, ...], touched: tuple[Mesh, ...], urdf: Path) -> None:
+    """Raises `InputError` where what is touched has no volume, or does not stand where what is seen does."""
     _check_size(merged(touched), urdf)
     for part in touched:
         try:
@@ -55,13 +54,18 @@ def check_pair(seen: tuple[Mesh, ...], touched: tuple[Mesh, ...], centre: Array,
             f"{urdf}: the collision mesh (x, y, z from {_words(touch_low)} to {_words(touch_high)} m) stands "
             f"beside the visual mesh ({_words(low)} to {_words(high)}); compare their <origin> and scale"
         )
-    low, high = np.minimum(low, touch_low), np.maximum(high, touch_high)
+
+
+def beside(parts: tuple[Mesh, ...], centre: Array) -> str:
+    """How a centre of mass (3,) lies outside of the bounding box of a body, in words; nothing where it lies
+    inside, give or take a tenth."""
+    low, high = _box(merged(parts))
     margin = 0.1 * (high - low)
-    if np.any(centre < low - margin) or np.any(centre > high + margin):
-        raise InputError(
-            f"{urdf}: the centre of mass {_words(centre)} lies outside of the object ({_words(low)} to "
-            f"{_words(high)}, metres); give it as <inertial><origin xyz=...>, in metres"
-        )
+    if np.all(centre >= low - margin) and np.all(centre <= high + margin):
+        return ""
+    return (
+        f"the centre of mass {_words(centre)} lies outside of the object ({_words(low)} to {_words(high)} m)"
+    )
 
 
 def _check_size(mesh: Mesh, file: Path) -> None:

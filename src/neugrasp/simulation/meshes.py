@@ -132,21 +132,29 @@ def read_stl(path: Path) -> tuple[Mesh, ...]:
     Raises `InputError` naming the file where it is missing, damaged or empty.
     """
     data = _bytes_of(path)
-    count = int.from_bytes(data[80:84], "little")
     try:
-        if len(data) == STL_HEADER + STL_FACET.itemsize * count:
+        if is_binary_stl(data):
             corners = np.frombuffer(data, STL_FACET, offset=STL_HEADER)["corners"].reshape(-1, 3)
         elif data.lstrip()[:5].lower() == b"solid":
             lines = [line.split() for line in data.decode(errors="replace").splitlines()]
             rows = [[float(x), float(y), float(z)] for [word, x, y, z, *_] in _vertices(lines)]
             corners = np.array(rows).reshape(-1, 3)
         else:
-            raise ValueError(f"{len(data)} bytes do not hold the {count} facets that it names")
+            raise ValueError(f"{len(data)} bytes do not hold the {_facets(data)} facets that it names")
         points, index = np.unique(corners.astype(np.float64), axis=0, return_inverse=True)
         faces = index.reshape(-1, 3).astype(np.int64)
     except ValueError as error:
         raise InputError(f"{path}: not a mesh in STL format ({error})") from error
     return _not_empty((_compacted(points, faces, path),) if len(faces) else (), path)
+
+
+def is_binary_stl(data: bytes) -> bool:
+    """Whether the bytes of an STL file are binary, whatever their header says."""
+    return len(data) == STL_HEADER + STL_FACET.itemsize * _facets(data)
+
+
+def _facets(data: bytes) -> int:
+    return int.from_bytes(data[80:84], "little")
 
 
 def _vertices(lines: list[list[str]]) -> list[list[str]]:

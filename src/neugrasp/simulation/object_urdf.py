@@ -7,6 +7,7 @@ copies are written into the cache.
 from __future__ import annotations
 
 import hashlib
+import logging
 import stat
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,9 +20,11 @@ from scipy.spatial.transform import Rotation
 
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, rigid
-from neugrasp.simulation.mesh_checks import check_pair, check_solid
-from neugrasp.simulation.meshes import Mesh, read_mesh, write_obj
+from neugrasp.simulation.mesh_checks import beside, check_pair, check_solid
+from neugrasp.simulation.meshes import Mesh, is_binary_stl, read_mesh, write_obj
 from neugrasp.simulation.object_model import EngineShape, ObjectModel, cache_folder, triple
+
+log = logging.getLogger(__name__)
 
 MASSES = (1e-4, 50.0)
 """Kilograms that an object may have."""
@@ -85,7 +88,9 @@ def read_urdf(path: Path, name: str, root: Path) -> ObjectModel:
     seen, touched = visual[0].parts(), [shape.parts() for shape in collision]
     check_solid(seen, visual[0].file)
     middle, rpy = _origin(path, link.find("inertial"))
-    check_pair(seen, tuple(part for parts in touched for part in parts), middle, path)
+    parts = tuple(part for parts in touched for part in parts)
+    check_pair(seen, parts, path)
+    _check_centre(path, link, (*seen, *parts), middle)
     return ObjectModel(
         name,
         visual[0].written(seen),
@@ -98,8 +103,23 @@ def read_urdf(path: Path, name: str, root: Path) -> ObjectModel:
     )
 
 
+def _check_centre(path: Path, link: Element, parts: tuple[Mesh, ...], middle: Array) -> None:
+    """Raises `InputError` where the URDF puts the centre of mass beside the body, and says so where it does
+    not put it anywhere: then the engine takes the origin of the link."""
+    problem = beside(parts, middle)
+    if problem and link.find("inertial/origin") is not None:
+        raise InputError(f"{path}: {problem}; <inertial><origin xyz=...> is in metres, in the link's frame")
+    if problem:
+        log.warning("%s: %s, for want of an <inertial><origin xyz=...>", path, problem)
+
+
 def _for_engine(shape: _Shape) -> EngineShape:
-    return EngineShape(shape.file, triple(shape.scale), triple(shape.xyz), triple(shape.rpy))
+    """The file as it is, but for STL that is text, which the engine does not read: of that it gets OBJ."""
+    file = shape.file
+    if file.suffix.lower() == ".stl" and not is_binary_stl(file.read_bytes()):
+        unmoved = _Shape(file, np.ones(3), np.zeros(3), np.zeros(3))
+        file = unmoved.written(unmoved.parts())
+    return EngineShape(file, triple(shape.scale), triple(shape.xyz), triple(shape.rpy))
 
 
 def files_of(path: Path, root: Path) -> Iterator[Path]:
