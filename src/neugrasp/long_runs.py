@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from neugrasp.data.strict_json import read_json
-from neugrasp.errors import InputError
+from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.output import naming, write_text
 
 # Windows has none.
@@ -24,6 +24,8 @@ fcntl: Any = importlib.import_module("fcntl") if importlib.util.find_spec("fcntl
 
 log = logging.getLogger(__name__)
 
+CONTENTS = ("gripper_sha256", "objects_content_sha256")
+"""Of what a run depends on: what the files hold, which older runs did not write down."""
 LOOK_EVERY = 0.3
 """Seconds between two looks at whether the parent is still there."""
 
@@ -42,7 +44,13 @@ def held(out: Path, command: str) -> Iterator[None]:
             lock(file)
         except BlockingIOError as error:
             raise InputError(f"{out}: another neugrasp {command} is writing here; wait for it") from error
-        yield
+        try:
+            yield
+        except OSError as error:
+            # Whatever has a name is named by it; it may lie elsewhere, in the cache for one.
+            if error.filename is not None:
+                raise
+            raise NeuGraspError(f"{out}: cannot be written ({error.strerror or error})") from error
 
 
 def lock(file: IO[str], shared: bool = False, waits: bool = False) -> None:

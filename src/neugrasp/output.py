@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
+import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from uuid import uuid4
 
 from neugrasp.errors import InputError, NeuGraspError
 
@@ -43,7 +44,7 @@ def parents_of(path: Path) -> Iterator[None]:
 
 @contextmanager
 def whole_file(path: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
-    """A file to write to, of the same suffix, that becomes `path` at the end, or vanishes where something
+    """A file to write to, of the same name, that becomes `path` at the end, or vanishes where something
     fails.
 
     What can be known before is known before the body runs. Raises `InputError` where `path` is a folder or
@@ -51,7 +52,9 @@ def whole_file(path: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
     """
     check_file(path, inputs)
     with parents_of(path):
-        part = path.with_name(f".part-{uuid4().hex}{path.suffix[:16]}")
+        with naming(path):
+            folder = Path(tempfile.mkdtemp(prefix=".part-", dir=path.parent))
+        part = folder / path.name
         try:
             with naming(path):
                 part.touch()
@@ -64,7 +67,7 @@ def whole_file(path: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
                 raise
             raise NeuGraspError(f"{path}: cannot be written ({error.strerror or error})") from error
         finally:
-            part.unlink(missing_ok=True)
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def check_file(path: Path, inputs: Iterable[Path] = ()) -> None:

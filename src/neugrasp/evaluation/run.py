@@ -23,8 +23,8 @@ from neugrasp.evaluation.rounds import num_rounds
 from neugrasp.evaluation.scores import scores
 from neugrasp.evaluation.workers import MakePhotographer, play_all
 from neugrasp.geometry.view_sets import VIEW_SETS
-from neugrasp.gripper import Gripper
-from neugrasp.long_runs import begun_as, held, source_commit
+from neugrasp.gripper import Gripper, gripper_hash
+from neugrasp.long_runs import CONTENTS, begun_as, held, source_commit
 from neugrasp.metrics import wilson_interval
 from neugrasp.output import write_text
 from neugrasp.simulation.objects import ObjectLibrary
@@ -41,7 +41,7 @@ def evaluate(config: Evaluate, make_photographer: MakePhotographer | None = None
     """
     facts, wanted = _checked(config)
     with held(config.out, "evaluate"):
-        begun_as(config.out / "run.json", facts, "evaluation")
+        begun_as(config.out / "run.json", facts, "evaluation", young=CONTENTS)
         files = [_file(config.out, index) for index in range(wanted)]
         found = [read_episode(path) for path in files if path.is_file()]
         kept = {episode.index for episode in found if episode.ending != CRASHED}
@@ -86,7 +86,6 @@ def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
     RenderSettings(samples=config.samples)  # refuses what is no power of two
     library = ObjectLibrary.open(config.object_sets, config.objects)
     choices = library.choices(config.split, config.scene)
-    names = json.dumps(choices)
     facts = {
         "detector": config.detector,
         "scene": config.scene,
@@ -97,10 +96,12 @@ def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
         "depth": config.depth if config.detector == "vgn" else None,
         **({"samples": config.samples} if config.detector == "neugrasp" else {}),
         "gripper": Gripper.load(config.gripper).name,
+        "gripper_sha256": gripper_hash(config.gripper),
         "seed": config.seed,
         "split": config.split,
         "object_sets": list(config.object_sets),
-        "objects_sha256": hashlib.sha256(names.encode()).hexdigest(),
+        "objects_sha256": hashlib.sha256(json.dumps(choices).encode()).hexdigest(),
+        "objects_content_sha256": library.content_hash(choices),
         **weights_facts(config),
     }
     return facts, num_rounds(config.scene, choices, config.rounds)

@@ -22,8 +22,8 @@ from pathlib import Path
 
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.geometry.view_sets import VIEW_SETS
-from neugrasp.gripper import Gripper
-from neugrasp.long_runs import begun_as, end_with, held, lock, unlock
+from neugrasp.gripper import Gripper, gripper_hash
+from neugrasp.long_runs import CONTENTS, begun_as, end_with, held, lock, unlock
 from neugrasp.output import write_text
 from neugrasp.simulation.cell_photos import Photographer
 from neugrasp.simulation.objects import KINDS, SPLITS, ObjectLibrary
@@ -97,17 +97,19 @@ def _checked(config: GenerateConfig) -> ObjectLibrary:
 
 def _describe(config: GenerateConfig, library: ObjectLibrary) -> None:
     """Writes dataset.json, or checks that the one that is there says the same."""
-    names = json.dumps(library.choices(config.split, config.scene))
+    choices = library.choices(config.split, config.scene)
     description = {
         "format": "neugrasp-dataset",
         "version": 1,
         "scene": config.scene,
         "object_sets": list(config.sets),
-        "objects_sha256": hashlib.sha256(names.encode()).hexdigest(),
+        "objects_sha256": hashlib.sha256(json.dumps(choices).encode()).hexdigest(),
+        "objects_content_sha256": library.content_hash(choices),
         "materials": config.materials,
         "views": config.views,
         "split": config.split,
         "gripper": config.gripper,
+        "gripper_sha256": gripper_hash(config.gripper),
         "grasp_points": config.grasp_points,
         "scenes_per_cell": config.scenes_per_cell,
         "image_size": config.image_size,
@@ -116,7 +118,7 @@ def _describe(config: GenerateConfig, library: ObjectLibrary) -> None:
         **({} if config.photos else {"photos": False}),
         **({} if config.targets == TARGETS_PER_SCENE else {"targets": config.targets}),
     }
-    begun_as(config.out / "dataset.json", description, "data set")
+    begun_as(config.out / "dataset.json", description, "data set", young=CONTENTS)
 
 
 @contextmanager

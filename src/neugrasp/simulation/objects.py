@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -180,12 +180,12 @@ class ObjectLibrary:
             self._models[key] = chosen[0].model(name)
         return self._models[key]
 
-    def content_hash(self, split: str, kind: str) -> str:
-        """SHA-256 of the names of the objects that may stand in a scene, and of a user's files of them."""
+    def content_hash(self, objects: Iterable[tuple[str, str]]) -> str:
+        """SHA-256 of objects (set, name): of their names, and of what a user's files of them hold."""
+        sets = {some.name: some for some in self.sets}
         content = hashlib.sha256()
-        for objects in self.sets:
-            for name in objects.names(split, kind):
-                content.update(f"{objects.name} {name} ".encode() + objects.content(name))
+        for object_set, name in objects:
+            content.update(f"{object_set} {name} ".encode() + sets[object_set].content(name))
         return content.hexdigest()
 
     def choices(self, split: str, kind: str) -> tuple[tuple[str, str], ...]:
