@@ -100,7 +100,8 @@ def load_checkpoint(name_or_path: str | Path) -> Checkpoint:
     ) as error:
         raise InputError(f"{path}: not a readable safetensors file ({error})") from error
     if metadata.get("format") != FORMAT:
-        raise InputError(f"{path}: not NeuGrasp weights (format {metadata.get('format')!r}, not {FORMAT!r})")
+        found = f"{metadata.get('format')!r}"[:40]
+        raise InputError(f"{path}: not NeuGrasp weights (format {found}, not {FORMAT!r})")
     _check_version(path, metadata.get("version", ""))
     config = _config_from(_described(path, metadata, "config"))
     _check_tensors(path, config, tensors)
