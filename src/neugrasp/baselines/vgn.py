@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from neugrasp.data.npz import reason_of
 from neugrasp.detection.decode import Prediction, Selection, SelectionConfig, select_grasps
 from neugrasp.detection.detector import Detection, Stopwatch
 from neugrasp.errors import InputError
@@ -47,7 +48,7 @@ def load_vgn_head(path: Path) -> GraspHead:
         state = torch.load(path, map_location="cpu", weights_only=True)
     # The unpickler raises whatever a foreign byte leads it to.
     except Exception as error:
-        raise InputError(f"{path}: not readable as VGN weights ({error})") from error
+        raise InputError(f"{path}: not readable as VGN weights ({reason_of(error)})") from error
     head = GraspHead(ModelConfig())
     head.load_state_dict(_renamed(state, head, path))
     return head.eval()

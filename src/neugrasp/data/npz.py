@@ -35,6 +35,12 @@ DAMAGE = (
 """What reading a damaged archive, or an array in it, may raise."""
 
 
+def reason_of(error: BaseException) -> str:
+    """What an error says, cut where it repeats what it found, which may be long and may be anything."""
+    said = f"{error}" or type(error).__name__
+    return said if len(said) <= 200 else f"{said[:200]} ..."
+
+
 def npz_bytes(**arrays: NDArray[Any]) -> bytes:
     """A compressed npz file."""
     stream = io.BytesIO()
@@ -58,7 +64,7 @@ def npz_arrays(data: bytes, kinds: Mapping[str, str], source: str) -> dict[str, 
     except DAMAGE as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{source}: damaged ({error or 'out of memory'})") from error
+        raise InputError(f"{source}: damaged ({reason_of(error)})") from error
     for name, kind in kinds.items():
         array = arrays[name]
         if not isinstance(array, np.ndarray) or array.dtype.kind != kind:

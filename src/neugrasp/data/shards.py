@@ -20,7 +20,7 @@ from PIL import Image as Picture
 
 from neugrasp.data.fields import Fields
 from neugrasp.data.labels import labels_from_bytes, labels_to_bytes
-from neugrasp.data.npz import DAMAGE
+from neugrasp.data.npz import DAMAGE, reason_of
 from neugrasp.data.records import (
     NO_PHOTOS,
     Record,
@@ -156,7 +156,7 @@ class Shards(Sequence[Record]):
                 f"{path}: missing; copy it beside the index or pack the records again"
             ) from error
         except (*DAMAGE, LookupError, AttributeError, Picture.DecompressionBombError) as error:
-            reason = str(error).removeprefix(f"{path}, {entry.name}: ")
+            reason = reason_of(error).removeprefix(f"{path}, {entry.name}: ")
             raise InputError(
                 f"{path}: damaged at record {entry.name} ({reason}); copy or pack it again"
             ) from error
