@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from neugrasp.data.strict_json import read_json
-from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.errors import InputError, WriteError
 from neugrasp.output import naming, write_text
 
 # Windows has none.
@@ -34,7 +34,7 @@ LOOK_EVERY = 0.3
 def held(out: Path, command: str) -> Iterator[None]:
     """Makes the folder and holds it for this process, whatever kills it.
 
-    Raises `InputError` where another process holds it, `NeuGraspError` where it cannot be written.
+    Raises `InputError` where another process holds it, `WriteError` where it cannot be written.
     """
     with naming(out):
         out.mkdir(parents=True, exist_ok=True)
@@ -50,7 +50,7 @@ def held(out: Path, command: str) -> Iterator[None]:
             # Whatever has a name is named by it; it may lie elsewhere, in the cache for one.
             if error.filename is not None:
                 raise
-            raise NeuGraspError(f"{out}: cannot be written ({error.strerror or error})") from error
+            raise WriteError(f"{out}: cannot be written ({error.strerror or error})") from error
 
 
 def lock(file: IO[str], shared: bool = False, waits: bool = False) -> None:

@@ -10,23 +10,23 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.errors import InputError, WriteError
 
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Whatever the disk refuses becomes a `NeuGraspError` that names `path`."""
+    """Whatever the disk refuses becomes a `WriteError` that names `path`."""
     try:
         yield
     except OSError as error:
-        raise NeuGraspError(f"{path}: cannot be written ({error.strerror or error})") from error
+        raise WriteError(f"{path}: cannot be written ({error.strerror or error})") from error
 
 
 @contextmanager
 def parents_of(path: Path) -> Iterator[None]:
     """Makes the folders above `path`; those that were new and stay empty vanish where something fails.
 
-    Raises `NeuGraspError` where they cannot be made.
+    Raises `WriteError` where they cannot be made.
     """
     new = [folder for folder in path.parents if not os.path.lexists(folder)]
     try:
@@ -48,7 +48,7 @@ def whole_file(path: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
     fails.
 
     What can be known before is known before the body runs. Raises `InputError` where `path` is a folder or
-    one of the `inputs`, `NeuGraspError` where the disk refuses.
+    one of the `inputs`, `WriteError` where the disk refuses.
     """
     check_file(path, inputs)
     with parents_of(path):
@@ -65,7 +65,7 @@ def whole_file(path: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
             # A disk that is full says so without naming a file; what the body read has its own name.
             if error.filename is not None and Path(os.fsdecode(error.filename)) != part:
                 raise
-            raise NeuGraspError(f"{path}: cannot be written ({error.strerror or error})") from error
+            raise WriteError(f"{path}: cannot be written ({error.strerror or error})") from error
         finally:
             shutil.rmtree(folder, ignore_errors=True)
 
@@ -80,7 +80,7 @@ def check_file(path: Path, inputs: Iterable[Path] = ()) -> None:
     if path.is_dir():
         raise InputError(f"{path}: is a folder; a file is written under this name")
     if path.exists() and not os.access(path, os.W_OK):
-        raise NeuGraspError(f"{path}: cannot be written ({os.strerror(errno.EACCES)})")
+        raise WriteError(f"{path}: cannot be written ({os.strerror(errno.EACCES)})")
     for file in inputs:
         if file.exists() and path.exists() and path.samefile(file):
             raise InputError(f"{path}: is read by this command ({file}); choose another name to write to")

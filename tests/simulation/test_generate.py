@@ -338,6 +338,17 @@ def test_two_runs_do_not_write_into_one_folder(tmp_path: Path, photographers: Mo
         generate(small(tmp_path), photographers.NoisePhotographer)
 
 
+def test_a_cache_that_cannot_be_written_is_named_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Not the folder of the data set, and not after twenty other arrangements."""
+    monkeypatch.setenv("NEUGRASP_CACHE", str(tmp_path / "file" / "cache"))
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(NeuGraspError, match=r"file/cache/objects/.*: cannot be written \(Not a directory\)"):
+        generate(small(tmp_path / "out", photos=False, seed=77))
+    assert "drawn anew" not in caplog.text
+
+
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_full_disk_is_one_clear_error_and_leaves_nothing_half_written(
     workers: int, tmp_path: Path, photographers: ModuleType

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.errors import InputError, WriteError
 from neugrasp.output import check_file, naming, parents_of
 
 
@@ -20,7 +20,7 @@ def whole_or_nothing(out: Path, names: Sequence[str] = ()) -> Iterator[Path]:
     `names` are all files that the program may write: those of an earlier run that this one does not write
     are removed, the first goes first and comes last, so that whoever finds it finds its companions. What
     else `out` holds stays. What can be known before is known before the body runs. Raises `InputError`
-    where a folder has the name of a file, `NeuGraspError` where the disk refuses.
+    where a folder has the name of a file, `WriteError` where the disk refuses.
     """
     with parents_of(out):
         is_new = not os.path.lexists(out)
@@ -39,7 +39,7 @@ def whole_or_nothing(out: Path, names: Sequence[str] = ()) -> Iterator[Path]:
             if error.filename is not None and part not in Path(os.fsdecode(error.filename)).parents:
                 raise
             file = out if error.filename is None else out / Path(os.fsdecode(error.filename)).name
-            raise NeuGraspError(f"{file}: cannot be written ({error.strerror or error})") from error
+            raise WriteError(f"{file}: cannot be written ({error.strerror or error})") from error
         finally:
             shutil.rmtree(part, ignore_errors=True)
             if is_new and out.is_dir() and not any(out.iterdir()):

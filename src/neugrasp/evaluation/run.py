@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.contestants import weights_facts
@@ -26,7 +27,6 @@ from neugrasp.geometry.view_sets import VIEW_SETS
 from neugrasp.gripper import Gripper, gripper_hash
 from neugrasp.long_runs import CONTENTS, begun_as, held, source_commit
 from neugrasp.metrics import wilson_interval
-from neugrasp.output import write_text
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.renderer import Renderer, RenderSettings
 
@@ -153,9 +153,7 @@ def _write(config: Evaluate, facts: dict[str, Any], episodes: list[Episode]) -> 
         "commit": source_commit(),
         "machine": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
     }
-    for name, text in (
-        ("attempts.jsonl", "".join(lines)),
-        ("metrics.json", json.dumps(metrics, indent=1) + "\n"),
-    ):
-        write_text(config.out / name, text)
+    with whole_or_nothing(config.out, ("metrics.json", "attempts.jsonl")) as part:
+        (part / "attempts.jsonl").write_text("".join(lines), encoding="utf-8")
+        (part / "metrics.json").write_text(json.dumps(metrics, indent=1) + "\n", encoding="utf-8")
     return metrics

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from neugrasp.data.fields import Fields
 from neugrasp.data.strict_json import parse_json
-from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.errors import InputError, WriteError
 from neugrasp.model.config import ModelConfig
 from neugrasp.model.network import NeuGrasp
 from neugrasp.output import whole_file
@@ -59,7 +59,7 @@ def save_checkpoint(path: Path, model: NeuGrasp, about: dict[str, Any], half: bo
         try:
             save_file(tensors, part, metadata)
         except SafetensorError as error:
-            raise NeuGraspError(f"{path}: cannot be written ({error})") from error
+            raise WriteError(f"{path}: cannot be written ({error})") from error
 
 
 def shipped_weights() -> dict[str, Path]:
