@@ -26,6 +26,7 @@ from neugrasp.geometry.pose import rigid
 from neugrasp.geometry.surface import Surface
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
+from neugrasp.long_runs import held
 from neugrasp.model.checkpoint import save_checkpoint
 from neugrasp.model.network import NeuGrasp
 from neugrasp.output import whole_file, write_text
@@ -90,7 +91,7 @@ def full_disk() -> Iterator[None]:
 
 def test_a_file_appears_at_once_and_leaves_nothing_beside_it(tmp_path: Path):
     with whole_file(tmp_path / "new" / "a.txt") as part:
-        assert part.name == "a.txt"
+        assert part.suffix == ".txt"
         part.write_text("a")
         assert not (tmp_path / "new" / "a.txt").exists()
     assert tree(tmp_path) == {"new/a.txt": b"a"}
@@ -125,6 +126,20 @@ def test_a_file_that_is_read_keeps_its_own_name_in_an_error(tmp_path: Path):
         (tmp_path / "elsewhere").read_text()
     with pytest.raises(FileNotFoundError, match="elsewhere"), whole_or_nothing(tmp_path / "out"):
         (tmp_path / "elsewhere").read_text()
+
+
+def test_what_a_killed_run_left_is_gone_when_the_next_one_holds_the_folder(tmp_path: Path):
+    """And nobody takes it for a file of the run meanwhile."""
+    out = tmp_path / "out"
+    write_text(out / "rounds" / "000000.json", "{}")
+    unfinished = []
+    for folder in (out, out / "rounds"):
+        unfinished += [whole_file(folder / "000001.json"), whole_or_nothing(folder)]
+        unfinished[-2].__enter__().write_text("half")
+        (unfinished[-1].__enter__() / "x.json").write_text("half")
+    assert [file.name for file in (out / "rounds").glob("[!.]*.json")] == ["000000.json"]
+    with held(out, "evaluate"):
+        assert tree(out).keys() == {".lock", "rounds/000000.json"}
 
 
 @pytest.mark.parametrize("spoiled", ["a.txt", "b.txt", "c.txt"])

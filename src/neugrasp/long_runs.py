@@ -17,7 +17,7 @@ from typing import IO, Any
 
 from neugrasp.data.strict_json import read_json
 from neugrasp.errors import InputError, WriteError
-from neugrasp.output import naming, write_text
+from neugrasp.output import naming, sweep, write_text
 
 # Windows has none.
 fcntl: Any = importlib.import_module("fcntl") if importlib.util.find_spec("fcntl") else None
@@ -32,7 +32,7 @@ LOOK_EVERY = 0.3
 
 @contextmanager
 def held(out: Path, command: str) -> Iterator[None]:
-    """Makes the folder and holds it for this process, whatever kills it.
+    """Makes the folder and holds it for this process, whatever kills it; what killed ones left half goes.
 
     Raises `InputError` where another process holds it, `WriteError` where it cannot be written.
     """
@@ -45,6 +45,7 @@ def held(out: Path, command: str) -> Iterator[None]:
         except BlockingIOError as error:
             raise InputError(f"{out}: another neugrasp {command} is writing here; wait for it") from error
         try:
+            sweep(out)
             yield
         except OSError as error:
             # Whatever has a name is named by it; it may lie elsewhere, in the cache for one.

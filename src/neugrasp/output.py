@@ -5,10 +5,10 @@ from __future__ import annotations
 import errno
 import os
 import shutil
-import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from uuid import uuid4
 
 from neugrasp.errors import InputError, WriteError
 
@@ -44,7 +44,7 @@ def parents_of(path: Path) -> Iterator[None]:
 
 @contextmanager
 def whole_file(path: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
-    """A file to write to, of the same name, that becomes `path` at the end, or vanishes where something
+    """A file to write to, of the same suffix, that becomes `path` at the end, or vanishes where something
     fails.
 
     What can be known before is known before the body runs. Raises `InputError` where `path` is a folder or
@@ -52,9 +52,8 @@ def whole_file(path: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
     """
     check_file(path, inputs)
     with parents_of(path):
-        with naming(path):
-            folder = Path(tempfile.mkdtemp(prefix=".part-", dir=path.parent))
-        part = folder / path.name
+        suffix = path.suffix[:20]
+        part = path.with_name(f".{path.stem[:40]}{suffix}.part-{uuid4().hex[:12]}{suffix}")
         try:
             with naming(path):
                 part.touch()
@@ -67,7 +66,7 @@ def whole_file(path: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
                 raise
             raise WriteError(f"{path}: cannot be written ({error.strerror or error})") from error
         finally:
-            shutil.rmtree(folder, ignore_errors=True)
+            part.unlink(missing_ok=True)
 
 
 def check_file(path: Path, inputs: Iterable[Path] = ()) -> None:
@@ -84,6 +83,16 @@ def check_file(path: Path, inputs: Iterable[Path] = ()) -> None:
     for file in inputs:
         if file.exists() and path.exists() and path.samefile(file):
             raise InputError(f"{path}: is read by this command ({file}); choose another name to write to")
+
+
+def sweep(folder: Path) -> None:
+    """Removes what processes that were killed left half-written in a folder and in those in it; only for who
+    alone writes there."""
+    for leftover in [*folder.glob(".*part-*"), *folder.glob("*/.*part-*")]:
+        if leftover.is_dir():
+            shutil.rmtree(leftover, ignore_errors=True)
+        else:
+            leftover.unlink(missing_ok=True)
 
 
 def photos_in(scene: Path) -> Iterator[Path]:

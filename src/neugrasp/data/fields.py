@@ -37,7 +37,7 @@ class Fields:
     def expect(self, name: str, newest: int) -> None:
         """Checks "format" and "version" of the object."""
         if self.data.get("format") != name:
-            raise self.refuse("format", f"is {_shown(self.data.get('format'))}; it must be {name!r}")
+            raise self.refuse("format", f"is {shown(self.data.get('format'))}; it must be {name!r}")
         version = self.whole("version", -(10**9), 10**9)
         if version != newest:
             hint = "; update neugrasp" if version > newest else ""
@@ -60,7 +60,7 @@ class Fields:
         """The list under a name."""
         value = self.get(field)
         if not isinstance(value, list):
-            raise self.refuse(field, f"is {_shown(value)}; it must be a list")
+            raise self.refuse(field, f"is {shown(value)}; it must be a list")
         return value
 
     def text(self, field: str, allowed: tuple[str, ...] = ()) -> str:
@@ -68,14 +68,14 @@ class Fields:
         value = self.get(field)
         if not isinstance(value, str) or (allowed and value not in allowed):
             wanted = f"one of {', '.join(map(repr, allowed))}" if allowed else "a text"
-            raise self.refuse(field, f"is {_shown(value)}; it must be {wanted}")
+            raise self.refuse(field, f"is {shown(value)}; it must be {wanted}")
         return value
 
     def flag(self, field: str) -> bool:
         """true or false."""
         value = self.get(field)
         if not isinstance(value, bool):
-            raise self.refuse(field, f"is {_shown(value)}; it must be true or false")
+            raise self.refuse(field, f"is {shown(value)}; it must be true or false")
         return value
 
     def number(self, field: str, low: float, high: float, unit: str = "") -> float:
@@ -83,7 +83,7 @@ class Fields:
         value = self.get(field)
         if not is_number(value) or not low <= value <= high:
             wanted = f"a number from {low:g} to {high:g} {unit}".rstrip()
-            raise self.refuse(field, f"is {_shown(value)}; it must be {wanted}")
+            raise self.refuse(field, f"is {shown(value)}; it must be {wanted}")
         return float(value)
 
     def each_number(self, low: float, high: float) -> dict[str, float]:
@@ -94,14 +94,14 @@ class Fields:
         """A whole number in [low, high]."""
         value = self.get(field)
         if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            raise self.refuse(field, f"is {_shown(value)}; it must be a whole number from {low} to {high}")
+            raise self.refuse(field, f"is {shown(value)}; it must be a whole number from {low} to {high}")
         return value
 
     def numbers(self, field: str, length: int, limit: float, what: str) -> NDArray[np.float64]:
         """An array (length,) of numbers within `limit` of 0; `what` describes it."""
         value = self.get(field)
         if not _is_row(value, length, limit):
-            raise self.refuse(field, f"is not {what} (it is {_shown(value)})")
+            raise self.refuse(field, f"is not {what} (it is {shown(value)})")
         return np.array(value, dtype=np.float64)
 
     def unit(self, field: str, length: int) -> NDArray[np.float64]:
@@ -115,7 +115,7 @@ class Fields:
         """An array (n, length) of numbers within `limit` of 0; `what` describes it."""
         value = self.get(field)
         if not isinstance(value, list) or not all(_is_row(row, length, limit) for row in value):
-            raise self.refuse(field, f"is not {what} (it is {_shown(value)})")
+            raise self.refuse(field, f"is not {what} (it is {shown(value)})")
         return np.array(value, dtype=np.float64).reshape(-1, length)
 
 
@@ -132,7 +132,8 @@ def _is_row(value: Any, length: int, limit: float) -> bool:
     )
 
 
-def _shown(value: Any) -> str:
+def shown(value: Any) -> str:
+    """A value as a message shows it, cut where it is long."""
     return _cut(repr(value))
 
 

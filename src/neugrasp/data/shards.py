@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from PIL import Image as Picture
 
-from neugrasp.data.fields import Fields
+from neugrasp.data.fields import Fields, shown
 from neugrasp.data.labels import labels_from_bytes, labels_to_bytes
 from neugrasp.data.npz import DAMAGE, reason_of
 from neugrasp.data.records import (
@@ -174,7 +174,7 @@ class _Entry:
 def _entry(fields: Fields) -> _Entry:
     name, shard = fields.text("name"), fields.text("shard")
     if not re.fullmatch(r"shard_\d+\.zip", shard):
-        raise fields.refuse("shard", f"is {shard!r}; it must be shard_NUMBER.zip, beside the index")
+        raise fields.refuse("shard", f"is {shown(shard)}; it must be shard_NUMBER.zip, beside the index")
     return _Entry(name, shard)
 
 

@@ -39,7 +39,7 @@ def facts_of(folder: Path, needs: Collection[str] = ()) -> dict[str, Any]:
 
 def played(folder: Path) -> list[Episode]:
     """Its rounds in order, without those that crashed. Raises `InputError` where one is damaged."""
-    episodes = map(read_episode, sorted((folder / "rounds").glob("*.json")))
+    episodes = map(read_episode, sorted((folder / "rounds").glob("[!.]*.json")))
     return [episode for episode in episodes if episode.ending != CRASHED]
 
 

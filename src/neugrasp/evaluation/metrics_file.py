@@ -23,8 +23,8 @@ log = logging.getLogger(__name__)
 def read_metrics(folder: Path) -> dict[str, dict[str, Any]]:
     """All metrics in a folder by name, sorted: NAME.json and NAME/metrics.json. Other JSON is left out, with
     a word. Raises `InputError` where there is none, or one is damaged."""
-    files = {path.stem: path for path in folder.glob("*.json")}
-    files |= {path.parent.name: path for path in folder.glob("*/metrics.json")}
+    files = {path.stem: path for path in folder.glob("[!.]*.json")}
+    files |= {path.parent.name: path for path in folder.glob("[!.]*/metrics.json")}
     rows = {}
     for name, path in sorted(files.items()):
         data = read_json(path, "the metrics.json of `neugrasp evaluate`")
