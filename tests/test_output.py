@@ -369,6 +369,21 @@ def test_a_mistake_of_ours_is_not_the_doctor_s_red(
     assert "a mistake of ours" in capsys.readouterr().err
 
 
+def test_weights_that_lead_to_no_numbers_are_named(
+    scene: Path,
+    tmp_path: Path,
+    detector: FlatTable,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+):
+    """Finite weights may be so large that the grid of distances is not."""
+    nowhere = Detection((), np.full((40, 40, 40), np.nan, np.float32), {}, 0.0, {})
+    monkeypatch.setattr(detector, "detect", lambda _views: nowhere)
+    assert cli.main(["predict", str(scene), "--out", str(tmp_path / "out")]) == 2
+    assert "contains NaN or infinity; the weights are damaged" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(
     "error", [MemoryError(), RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried 9 bytes")]
 )
