@@ -16,7 +16,7 @@ DEEPEST = 50
 """Lists and objects that may lie in each other."""
 LONGEST = 30
 """Digits that a whole number may have."""
-CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
+CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
 """What no name and no word needs: control characters, which move a terminal, and halves of characters."""
 
 
