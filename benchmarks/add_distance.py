@@ -14,7 +14,7 @@ from pathlib import Path
 
 from over_records import over_records, parser, sets_of
 
-from neugrasp.data.records import add_distance
+from neugrasp.data.add_distance import add_distance
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.simulation.mesh_distance import Grid, mesh_distance
 from neugrasp.simulation.objects import ObjectLibrary

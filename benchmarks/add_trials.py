@@ -19,10 +19,10 @@ from over_records import over_records, parser, sets_of
 
 from neugrasp.data.records import TRIALS_FILE, read_trials
 from neugrasp.data.trials import joined, trials_to_bytes
-from neugrasp.data.whole_or_nothing import replace_file
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
+from neugrasp.output import whole_file
 from neugrasp.simulation.grasp_trials import TrialSettings, run_trials
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
@@ -47,7 +47,8 @@ def add(
     found = run_trials(world, scene_from_json(file.read_text(), file), library, settings)
     if found is None:
         return None
-    replace_file(folder / TRIALS_FILE, trials_to_bytes(joined(before, found)))
+    with whole_file(folder / TRIALS_FILE) as part:
+        part.write_bytes(trials_to_bytes(joined(before, found)))
     names = [found.reason_names[reason] for reason in found.reasons]
     return Counter(names) + Counter({"trials stored": len(found), "states": len(found.met)})
 

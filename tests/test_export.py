@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from neugrasp.data.whole_or_nothing import whole_or_nothing
-from neugrasp.errors import InputError
+from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.export import read_grasps, write_grasps, write_surface, write_tsdf
 from neugrasp.geometry.pose import from_quaternion
 from neugrasp.geometry.surface import surface_of
@@ -48,7 +48,7 @@ finite = st.floats(-10, 10)
         st.tuples(
             st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1),
             st.tuples(finite, finite, finite),
-            st.floats(0, 0.2),
+            st.floats(1e-4, 0.2),
             st.floats(0, 1),
         ),
         max_size=5,
@@ -71,7 +71,9 @@ def test_damaged_grasps_name_their_file(tmp_path: Path, text: str):
     with pytest.raises(InputError, match=r"grasps\.json: missing"):
         read_grasps(file)
     file.write_text(text)
-    with pytest.raises(InputError, match=r"grasps\.json: (damaged|not a)"):
+    with pytest.raises(
+        InputError, match=r"grasps\.json: (not valid JSON|the file is not|format is None|version is 9)"
+    ):
         read_grasps(file)
 
 
@@ -118,7 +120,7 @@ def test_after_a_failure_nothing_new_is_there_and_nothing_old_is_gone(tmp_path: 
             raise OSError(28, "No space left on device")
 
     for out in (fresh, used):
-        with pytest.raises(OSError, match="No space"):
+        with pytest.raises(NeuGraspError, match="No space"):
             write_until_the_disk_is_full(out)
     assert not fresh.exists()
     assert [(file.name, file.read_text()) for file in used.iterdir()] == [("a.txt", "old")]

@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
-import logging
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, Protocol
 
-import tyro
+try:
+    import traceback
+    from collections.abc import Callable, Sequence
+    from dataclasses import dataclass
+    from pathlib import Path
+    from typing import TYPE_CHECKING, Annotated, Literal, Protocol
 
-from neugrasp.bench.command import SpeedTest
-from neugrasp.doctor.command import Doctor
-from neugrasp.doctor.findings import Verdict
-from neugrasp.errors import InputError, NeuGraspError
-from neugrasp.evaluation.commands import Compare, Evaluate, Failures, Results, Story, Validate
-from neugrasp.exporters.command import Export
-from neugrasp.figures.command import Figure
-from neugrasp.importers.command import Import, PrintBoard
-from neugrasp.viewer.command import Viewer
+    import tyro
+
+    from neugrasp.bench.command import SpeedTest
+    from neugrasp.data.command import Pack
+    from neugrasp.doctor.command import Doctor
+    from neugrasp.doctor.findings import Verdict
+    from neugrasp.errors import InputError, NeuGraspError
+    from neugrasp.evaluation.commands import Compare, Evaluate, Failures, Results, Story, Validate
+    from neugrasp.exporters.command import Export
+    from neugrasp.figures.command import Figure
+    from neugrasp.importers.command import Import, PrintBoard
+    from neugrasp.report.command import DataSheet
+    from neugrasp.terminal import plain, speak_plainly
+    from neugrasp.viewer.command import Viewer
+except KeyboardInterrupt:
+    # These take the first second of the program: whoever ends it then has made no mistake.
+    sys.exit(130)
 
 if TYPE_CHECKING:
     from neugrasp.detection.detector import Detection
@@ -152,47 +160,6 @@ class Generate:
 
 
 @dataclass(frozen=True)
-class Pack:
-    """Packs generated scenes into a few files of at most 60 MB, to be trained on elsewhere."""
-
-    data: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="DIR [DIR ...]")]
-    """Folders made by `neugrasp generate`."""
-    out: Folder
-    """Where the shards and their index are written; `train --data` reads this folder."""
-    quality: int | None = None
-    """Quality of the photos, 1 to 100, as lossy WebP, with coarser grids and without depth and masks: 95
-    takes an eighth of the bytes. By default everything is kept exactly."""
-    targets: bool = True
-    """Pack the views that losses compare with, too; geometry supervision needs none."""
-
-    def run(self) -> None:
-        from neugrasp.data.shards import Shards, pack
-
-        pack(
-            [folder / "scenes" for folder in self.data],
-            self.out,
-            quality=self.quality,
-            photos="all" if self.targets else "inputs",
-        )
-        print(f"{len(Shards(self.out))} scenes in {self.out}")
-
-
-@dataclass(frozen=True)
-class DataSheet:
-    """Describes generated scenes: counts, balance of labels and materials, pictures."""
-
-    data: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="DIR [DIR ...]")]
-    """Folders made by `neugrasp generate`, or of shards packed from them; each has a column."""
-    out: Folder
-    """Where data_sheet.md and its two pictures are written, all or none."""
-
-    def run(self) -> Path:
-        from neugrasp.report.data_sheet import write_data_sheet
-
-        return write_data_sheet(self.data, self.out)
-
-
-@dataclass(frozen=True)
 class Train:
     """Trains the network on generated scenes. Goes on with --resume exactly where it stopped."""
 
@@ -275,25 +242,38 @@ COMMANDS: dict[str, Callable[..., Command]] = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command: 0, or 1 on the doctor's red, 2 on a mistake of the user, 130 when interrupted."""
-    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
-    command = tyro.extras.subcommand_cli_from_dict(
-        COMMANDS,
-        prog="neugrasp",
-        description="Surfaces and 6-DoF grasps from a few RGB photos of a table.",
-        args=arguments,
-    )
+    """Runs one command: 0, or 1 on the doctor's red, 2 on a mistake of the user, 130 when interrupted, 70 on
+    a mistake of ours."""
+    speak_plainly()
     try:
+        command = tyro.extras.subcommand_cli_from_dict(
+            COMMANDS,
+            prog="neugrasp",
+            description="Surfaces and 6-DoF grasps from a few RGB photos of a table.",
+            args=arguments,
+        )
         report = command.run()
         if report is not None:
-            print(report)
+            print(plain(f"{report}"))
+        return report.exit_code if isinstance(report, Verdict) else 0
     except KeyboardInterrupt:
         print("neugrasp: interrupted", file=sys.stderr)
         return 130
     except (NeuGraspError, OSError) as error:
-        print(f"neugrasp: error: {error}", file=sys.stderr)
-        return 2
-    return report.exit_code if isinstance(report, Verdict) else 0
+        return _failed(f"{error}")
+    except MemoryError:
+        return _failed("out of memory")
+    except Exception as error:
+        # PyTorch has no error of its own for it.
+        if "can't allocate memory" in str(error):
+            return _failed("out of memory")
+        traceback.print_exc()
+        return 70
+
+
+def _failed(reason: str) -> int:
+    print(plain(f"neugrasp: error: {reason}"), file=sys.stderr)
+    return 2
 
 
 def _summary(name: str, detection: Detection, folder: Path) -> str:

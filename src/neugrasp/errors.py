@@ -14,6 +14,10 @@ class InputError(NeuGraspError, ValueError):
     """A file or a value given by the user cannot be used."""
 
 
+class WriteError(NeuGraspError):
+    """A file cannot be written: the disk is full, the place is read-only, or is none."""
+
+
 class MissingExtra(NeuGraspError, ImportError):
     """An optional dependency is needed and absent."""
 

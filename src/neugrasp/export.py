@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image as Picture
 
-from neugrasp.errors import InputError
+from neugrasp.data.fields import Fields
+from neugrasp.data.strict_json import read_json
 from neugrasp.geometry.pose import from_quaternion, to_quaternion
 from neugrasp.geometry.surface import Surface, surface_of
 from neugrasp.geometry.workspace import Workspace
@@ -26,6 +27,14 @@ if TYPE_CHECKING:
 
 FORMAT = "neugrasp-grasps"
 VERSION = 1
+FILES = ("grasps.json", "surface.ply", "tsdf.npz", "overlay.png", "report.html", "surface.png", "slice.png")
+"""All that `predict` and `demo` write into a folder; what one of them does not write is an earlier run's."""
+FARTHEST = 1e9
+"""Metres from the world's origin within which a grasp may lie."""
+WIDEST = 1.0
+"""Metres between the pads."""
+HIGHEST = 1.001
+"""A score is a probability, but for rounding."""
 
 
 def write_prediction(folder: Path, views: Views, detection: Detection, gripper: Gripper) -> None:
@@ -70,47 +79,59 @@ def write_grasps(
     file.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
+@dataclass(frozen=True)
+class GraspList:
+    """What a `grasps.json` says."""
+
+    grasps: tuple[Grasp, ...]
+    """World frame, in the file's order."""
+    scene: str | None
+    """The folder of the photos."""
+    gripper: str | None
+    """The name of the gripper that they were found for."""
+
+
+def read_grasp_list(file: Path) -> GraspList:
+    """The content of a `grasps.json`. Raises `InputError` naming the file and the field."""
+    fields = Fields(str(file), read_json(file, "a list of grasps"))
+    fields.expect(FORMAT, VERSION)
+    if "frame" in fields.data:
+        fields.text("frame", ("world",))
+    scene, gripper = (fields.text(key) if key in fields.data else None for key in ("scene", "gripper"))
+    return GraspList(tuple(map(_grasp, fields.each("grasps"))), scene, gripper)
+
+
 def read_grasps(file: Path) -> list[Grasp]:
     """The grasps of a `grasps.json`, world frame. Raises `InputError` naming the file."""
-    with naming_the_list(file):
-        data = json.loads(file.read_text(encoding="utf-8"))
-        if data["format"] != FORMAT or data["version"] != VERSION:
-            raise InputError(f"{file}: not a {FORMAT} file of version {VERSION}")
-        return [
-            Grasp(
-                from_quaternion(entry["quaternion_xyzw"], entry["position"]),
-                float(entry["width"]),
-                float(entry["score"]),
-            )
-            for entry in data["grasps"]
-        ]
+    return list(read_grasp_list(file).grasps)
 
 
-@contextmanager
-def naming_the_list(file: Path) -> Iterator[None]:
-    """Whatever is wrong with a list of grasps becomes an `InputError` that names its file."""
-    try:
-        yield
-    except FileNotFoundError:
-        raise InputError(f"{file}: missing") from None
-    except InputError:
-        raise
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{file}: damaged list of grasps ({error!r})") from error
+def _grasp(fields: Fields) -> Grasp:
+    position = fields.numbers("position", 3, FARTHEST, "[x, y, z] in metres")
+    pose = from_quaternion(fields.unit("quaternion_xyzw", 4), position)
+    return Grasp(pose, width_of(fields), fields.number("score", 0, HIGHEST))
+
+
+def width_of(fields: Fields) -> float:
+    """The width of a grasp, metres, greater than 0. Raises `InputError`."""
+    width = fields.number("width", 0, WIDEST, "m")
+    if width == 0:
+        raise fields.refuse("width", "is 0; the pads must touch something that lies between them")
+    return width
 
 
 def write_surface(file: Path, surface: Surface) -> None:
-    """A binary little-endian PLY file with float32 vertices, metres."""
+    """A binary little-endian PLY file, metres; doubles, for worlds whose origin is far away."""
     header = (
         "ply\nformat binary_little_endian 1.0\ncomment neugrasp surface, metres, world frame\n"
-        f"element vertex {len(surface.vertices)}\nproperty float x\nproperty float y\nproperty float z\n"
+        f"element vertex {len(surface.vertices)}\nproperty double x\nproperty double y\nproperty double z\n"
         f"element face {len(surface.faces)}\nproperty list uchar int vertex_indices\nend_header\n"
     )
     faces = np.empty(len(surface.faces), dtype=[("count", "u1"), ("corners", "<i4", 3)])
     faces["count"], faces["corners"] = 3, surface.faces
     with file.open("wb") as stream:
         stream.write(header.encode("ascii"))
-        stream.write(surface.vertices.astype("<f4").tobytes())
+        stream.write(surface.vertices.astype("<f8").tobytes())
         stream.write(faces.tobytes())
 
 

@@ -6,6 +6,7 @@ close. Grasps are given at the TCP, a point between the pads.
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -16,10 +17,14 @@ from typing import Any
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from neugrasp.data.fields import Fields
+from neugrasp.data.strict_json import read_json
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array
 
 FORMAT, VERSION = "neugrasp-gripper", 1
+REACH = 1.0
+"""Metres from the flange within which every corner of a gripper lies."""
 STEM = 0.06
 """Length in metres of the line that stands for the arm in overlays."""
 
@@ -79,21 +84,8 @@ class Gripper:
     @classmethod
     def load(cls, name_or_path: str | Path) -> Gripper:
         """A bundled gripper by name, or a gripper file. Raises `InputError` naming the file and the field."""
-        path = Path(name_or_path)
-        if path.suffix != ".json":
-            if str(name_or_path) not in bundled():
-                raise InputError(
-                    f"unknown gripper {str(name_or_path)!r}; choose one of {', '.join(bundled())}, "
-                    "or give the path of a .json file"
-                )
-            path = Path(str(_folder() / f"{name_or_path}.json"))
-        try:
-            data = json.loads(path.read_text())
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-        except ValueError as error:
-            raise InputError(f"{path}: not JSON ({error})") from error
-        return _gripper(_Fields(str(path), "", data))
+        path = _file_of(name_or_path)
+        return _gripper(Fields(str(path), read_json(path, "a gripper")))
 
     @property
     def tip_height(self) -> float:
@@ -119,6 +111,25 @@ class Gripper:
         return np.array(segments)
 
 
+def gripper_hash(name_or_path: str | Path) -> str:
+    """SHA-256 of what a gripper's file says, whatever its spaces. Raises `InputError` as `Gripper.load`."""
+    path = _file_of(name_or_path)
+    content = json.dumps(read_json(path, "a gripper"), sort_keys=True)
+    return hashlib.sha256(content.encode()).hexdigest()
+
+
+def _file_of(name_or_path: str | Path) -> Path:
+    path = Path(name_or_path)
+    if path.suffix == ".json":
+        return path
+    if str(name_or_path) not in bundled():
+        raise InputError(
+            f"unknown gripper {str(name_or_path)!r}; choose one of {', '.join(bundled())}, "
+            "or give the path of a .json file"
+        )
+    return Path(str(_folder() / f"{name_or_path}.json"))
+
+
 def bundled() -> tuple[str, ...]:
     """Names of the grippers that come with the package."""
     return tuple(sorted(f.name[:-5] for f in _folder().iterdir() if f.name.endswith(".json")))
@@ -128,55 +139,13 @@ def _folder() -> Any:
     return resources.files("neugrasp") / "grippers"
 
 
-class _Fields:
-    """One object of a gripper file, read with messages that name the file and the field."""
-
-    def __init__(self, source: str, prefix: str, data: Any):
-        self.source, self.prefix, self.data = source, prefix, data
-        if not isinstance(data, dict):
-            raise InputError(f"{source}: {prefix.rstrip('.') or 'the file'} is not a JSON object")
-
-    def refuse(self, field: str, problem: str) -> InputError:
-        return InputError(f"{self.source}: {self.prefix}{field} {problem}")
-
-    def get(self, field: str) -> Any:
-        if field not in self.data:
-            raise self.refuse(field, f"is missing; present: {', '.join(self.data) or 'nothing'}")
-        return self.data[field]
-
-    def inside(self, field: str) -> _Fields:
-        return _Fields(self.source, f"{self.prefix}{field}.", self.get(field))
-
-    def number(self, field: str, low: float, high: float, unit: str = "") -> float:
-        """A number in [low, high]."""
-        value = self.get(field)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-            raise self.refuse(field, f"is {value!r}; it must be a number from {low:g} to {high:g} {unit}")
-        return float(value)
-
-    def points(self, field: str, count: int | None = None) -> Array:
-        """An array (n, 3), or (3,) where `count` is 1, of coordinates within a metre."""
-        shape = "[x, y, z]" if count == 1 else "[[x, y, z], ...]"
-        try:
-            points = np.array(self.get(field), dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise self.refuse(field, f"is not {shape} in metres") from error
-        wanted = (3,) if count == 1 else (len(points) if points.ndim else 0, 3)
-        if points.shape != wanted or not np.all(np.abs(points) <= 1.0):
-            raise self.refuse(field, f"is not {shape} in metres (each within 1 m of the flange)")
-        return points
-
-
-def _gripper(fields: _Fields) -> Gripper:
-    if fields.get("format") != FORMAT:
-        raise fields.refuse("format", f"is {fields.get('format')!r}; it must be {FORMAT!r}")
-    if fields.get("version") != VERSION:
-        raise fields.refuse("version", f"is {fields.get('version')!r}; this program reads version {VERSION}")
-    if not isinstance(fields.get("name"), str) or not fields.get("name"):
+def _gripper(fields: Fields) -> Gripper:
+    fields.expect(FORMAT, VERSION)
+    if not fields.text("name"):
         raise fields.refuse("name", "must be a word")
     finger, pads = fields.inside("finger"), fields.inside("finger").inside("pads")
     gripper = Gripper(
-        name=fields.get("name"),
+        name=fields.text("name"),
         max_opening=fields.number("max_opening", 0.005, 0.5, "m"),
         finger_depth=fields.number("finger_depth", 0.005, 0.3, "m"),
         tcp_height=fields.number("tcp_height", 0.01, 0.5, "m"),
@@ -199,21 +168,24 @@ def _gripper(fields: _Fields) -> Gripper:
     return gripper
 
 
-def _link(fields: _Fields) -> Link:
-    parts = fields.get("parts")
-    if not isinstance(parts, list) or not parts:
+def _link(fields: Fields) -> Link:
+    parts = fields.each("parts")
+    if not parts:
         raise fields.refuse("parts", "must be a list of at least one box or hull")
-    hulls = tuple(
-        _hull(_Fields(fields.source, f"{fields.prefix}parts[{i}].", p)) for i, p in enumerate(parts)
-    )
-    return Link(fields.number("mass", 1e-3, 20, "kg"), fields.points("centre_of_mass", 1), hulls)
+    mass = fields.number("mass", 1e-3, 20, "kg")
+    return Link(mass, _point(fields, "centre_of_mass"), tuple(map(_hull, parts)))
 
 
-def _hull(part: _Fields) -> Array:
+def _point(fields: Fields, field: str) -> Array:
+    return fields.numbers(field, 3, REACH, "[x, y, z] in metres (each within 1 m of the flange)")
+
+
+def _hull(part: Fields) -> Array:
     if "hull" in part.data:
-        corners = part.points("hull")
+        shape = "[[x, y, z], ...] in metres (each within 1 m of the flange)"
+        corners = part.rows("hull", 3, REACH, shape)
     elif "size" in part.data:
-        size, centre = part.points("size", 1), part.points("centre", 1)
+        size, centre = _point(part, "size"), _point(part, "centre")
         if not np.all(size > 0):
             raise part.refuse("size", f"is {size.tolist()}; all three edges must be longer than 0 m")
         corners = centre + size / 2 * np.array(_signs())
@@ -230,7 +202,7 @@ def _signs() -> Iterable[tuple[int, int, int]]:
     return [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
 
 
-def _check(fields: _Fields, gripper: Gripper) -> None:
+def _check(fields: Fields, gripper: Gripper) -> None:
     """What no single field can tell. Raises `InputError`."""
     innermost = min(float(hull[:, 1].min()) for hull in gripper.finger.hulls)
     if not -0.001 <= innermost <= 0.001:

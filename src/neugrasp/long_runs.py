@@ -3,56 +3,91 @@ outlive it, and what comes out names the commit."""
 
 from __future__ import annotations
 
-import fcntl
+import importlib.util
 import json
+import logging
 import os
 import subprocess
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
-from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.data.strict_json import read_json
+from neugrasp.errors import InputError, WriteError
+from neugrasp.output import naming, sweep, write_text
 
+# Windows has none.
+fcntl: Any = importlib.import_module("fcntl") if importlib.util.find_spec("fcntl") else None
+
+log = logging.getLogger(__name__)
+
+CONTENTS = ("gripper_sha256", "objects_content_sha256")
+"""Of what a run depends on: what the files hold, which older runs did not write down."""
 LOOK_EVERY = 0.3
 """Seconds between two looks at whether the parent is still there."""
 
 
 @contextmanager
 def held(out: Path, command: str) -> Iterator[None]:
-    """Makes the folder and holds it for this process, whatever kills it.
+    """Makes the folder and holds it for this process, whatever kills it; what killed ones left half goes.
 
-    Raises `InputError` where another process holds it, `NeuGraspError` where it cannot be written.
+    Raises `InputError` where another process holds it, `WriteError` where it cannot be written.
     """
-    try:
+    with naming(out):
         out.mkdir(parents=True, exist_ok=True)
-        with (out / ".lock").open("w") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                raise InputError(f"{out}: another neugrasp {command} is writing here; wait for it") from error
+        file = (out / ".lock").open("w")
+    with file:
+        try:
+            lock(file)
+        except BlockingIOError as error:
+            raise InputError(f"{out}: another neugrasp {command} is writing here; wait for it") from error
+        try:
+            sweep(out)
             yield
-    except OSError as error:
-        raise NeuGraspError(f"{out}: cannot be written ({error.strerror})") from error
+        except OSError as error:
+            # Whatever has a name is named by it; it may lie elsewhere, in the cache for one.
+            if error.filename is not None:
+                raise
+            raise WriteError(f"{out}: cannot be written ({error.strerror or error})") from error
 
 
-def begun_as(path: Path, facts: Mapping[str, Any], what: str) -> None:
+def lock(file: IO[str], shared: bool = False, waits: bool = False) -> None:
+    """Holds a file until it is closed, alone or with others that share it; nothing on a system that has no
+    such locks (Windows), which is said.
+
+    Raises `BlockingIOError` where another process holds it, unless it `waits`.
+    """
+    if fcntl is None:
+        log.warning("%s: this system has no locks; let one run at a time write here", file.name)
+        return
+    kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
+    fcntl.flock(file, kind if waits else kind | fcntl.LOCK_NB)
+
+
+def unlock(file: IO[str]) -> None:
+    """Lets go of what `lock` holds."""
+    if fcntl is not None:
+        fcntl.flock(file, fcntl.LOCK_UN)
+
+
+def begun_as(path: Path, facts: Mapping[str, Any], what: str, young: Collection[str] = ()) -> None:
     """Writes how a run was begun, or checks that the file that is there says the same.
 
-    Raises `InputError` where it says something else or cannot be read; `what` names what the run makes.
+    `young` are facts that older files do not have. Raises `InputError` where the file says something else or
+    cannot be read; `what` names what the run makes.
     """
     if not path.exists():
-        temporary = path.with_name(f".{path.name}.tmp")
-        temporary.write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
-        temporary.replace(path)
+        write_text(path, json.dumps(facts, indent=1) + "\n")
         return
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except json.JSONDecodeError as error:
-        raise InputError(f"{path}: not valid JSON ({error}); choose another --out") from error
+    found = read_json(path, f"the description of the {what}")
+    if not isinstance(found, dict):
+        raise InputError(f"{path}: is not a JSON object; choose another --out")
     for key in {**facts, **found}:
+        if key in young and key not in found:
+            continue
         if found.get(key) != facts.get(key):
             raise InputError(
                 f"{path}: this {what} was made with {key} = {found.get(key)!r}, not {facts.get(key)!r}; "

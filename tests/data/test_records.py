@@ -15,7 +15,8 @@ from PIL import Image as Picture
 from record_strategies import assert_same, records, records_without_photos
 
 from neugrasp.data import records as module
-from neugrasp.data.records import Record, add_distance, read_record, write_record
+from neugrasp.data.add_distance import add_distance
+from neugrasp.data.records import Record, read_record, write_record
 from neugrasp.data.scene_folder import read_scene
 from neugrasp.data.trials import State, Trials
 from neugrasp.errors import InputError, NeuGraspError

@@ -143,13 +143,23 @@ def test_a_damaged_shard_is_named_with_what_to_do(damage: str, source: Path, tmp
     assert str(path) in str(caught.value)
 
 
+SHARD_ELSEWHERE = '{{"format": "neugrasp-shards", "version": 1, "records": [{{"name": "a", "shard": "{}"}}]}}'
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{", "damaged"),
-        ('{"format": "other"}', "not an index"),
-        ('{"format": "neugrasp-shards", "version": 2, "records": []}', "version 2"),
-        ("[]", "damaged"),
+        ("{", "not valid JSON"),
+        ('{"format": "other"}', "format is 'other'; it must be 'neugrasp-shards'"),
+        ('{"format": "neugrasp-shards", "version": 2, "records": []}', "version is 2; .* reads version 1"),
+        ("[]", "not a JSON object"),
+        ('{"format": "neugrasp-shards", "version": true, "records": []}', "version is True"),
+        ('{"format": "neugrasp-shards", "version": 1, "records": {}}', "records is {}; it must be a list"),
+        ('{"format": "neugrasp-shards", "version": 1, "records": [{"name": 1}]}', "name is 1"),
+        (SHARD_ELSEWHERE.format("../../elsewhere/shard_0000.zip"), "beside the index"),
+        (SHARD_ELSEWHERE.format("/tmp/shard_0000.zip"), "beside the index"),
+        (SHARD_ELSEWHERE.format("shard_0000.zip/../../x"), "beside the index"),
+        ("[" * 100_000, "too deep"),
     ],
 )
 def test_a_damaged_index_is_named(text: str, message: str, tmp_path: Path) -> None:

@@ -232,8 +232,41 @@ def test_foreign_files_and_empty_folders_are_refused(tmp_path: Path):
     with pytest.raises(InputError, match="holds neither"):
         write_results(tmp_path, tmp_path / "out.md")
     (tmp_path / "x.json").write_text("{}")
-    with pytest.raises(InputError, match=r"x\.json"):
+    with pytest.raises(InputError, match="holds neither"):
         write_results(tmp_path, tmp_path / "out.md")
+    (tmp_path / "x.json").write_text("{")
+    with pytest.raises(InputError, match=r"x\.json: not valid JSON"):
+        write_results(tmp_path, tmp_path / "out.md")
+
+
+@pytest.mark.parametrize("foreign", ["{}", "[1, 2]", '{"format": "neugrasp-grasps", "version": 1}'])
+def test_other_json_is_left_out_of_the_results_with_a_word(
+    tmp_path: Path, foreign: str, caplog: pytest.LogCaptureFixture
+):
+    row = metrics([played(0, "+")])
+    (tmp_path / "ours.json").write_text(json.dumps(row))
+    page = write_results(tmp_path, tmp_path / "page" / "alone.md").read_text()
+    (tmp_path / "package.json").write_text(foreign)
+    assert write_results(tmp_path, tmp_path / "page" / "both.md").read_text() == page
+    assert "package.json: not the metrics.json" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"scene": None}, "scene is None; it must be a text"),
+        ({"attempts": -1}, "attempts is -1"),
+        ({"SR": "high"}, "SR is 'high'"),
+        ({"SR_ci": [1]}, "SR_ci is not"),
+        ({"failures": {"slipped": True}}, "failures.slipped is True"),
+        ({"version": 2}, "version is 2"),
+    ],
+)
+def test_a_damaged_row_of_the_results_is_named(tmp_path: Path, change: dict[str, object], message: str):
+    (tmp_path / "row.json").write_text(json.dumps(metrics([played(0, "+")]) | change))
+    with pytest.raises(InputError, match=message) as caught:
+        write_results(tmp_path, tmp_path / "out.md")
+    assert "row.json" in str(caught.value)
 
 
 def test_the_table_of_a_run_names_crashes():

@@ -169,7 +169,7 @@ def test_attempts_of_two_networks_are_never_mixed(
         (replace(run, weights=other), "weights"),
         (replace(run, threshold=0.5), "threshold"),
     ):
-        with pytest.raises(InputError, match=f"attempts with {named}.*another --out"):
+        with pytest.raises(InputError, match=f"made with {named}.*another --out"):
             run_held_out(changed)
     assert (run.out / "attempts.jsonl").read_bytes() == before
 

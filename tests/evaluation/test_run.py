@@ -25,6 +25,7 @@ from neugrasp.errors import InputError
 from neugrasp.evaluation import run
 from neugrasp.evaluation.bench import Bench
 from neugrasp.evaluation.commands import Evaluate, Story
+from neugrasp.evaluation.compare import compare
 from neugrasp.evaluation.contestants import load_contestant, weights_facts
 from neugrasp.evaluation.episode import Episode, read_episode
 from neugrasp.evaluation.measuring_sticks import Oracle
@@ -116,6 +117,27 @@ def test_rounds_of_training_objects_are_others_and_say_so(undisturbed: Path, tmp
     assert "--split train" in told(tmp_path)["command"]
     facts = json.loads((tmp_path / "run.json").read_text())
     assert Rounds.of_facts(facts, ObjectLibrary.open(("glassware",))).split == "train"
+
+
+def test_rounds_of_two_grippers_of_one_name_are_never_mixed(tmp_path: Path):
+    """Neither by going on, nor by comparing; an evaluation from before the hashes goes on."""
+    bundled = Path(run.__file__).parents[1] / "grippers" / "panda.json"
+    mine = tmp_path / "mine.json"
+    mine.write_text(bundled.read_text())
+    config = small(tmp_path / "a", rounds=1, gripper=str(mine))
+    evaluate(config)
+    mine.write_text(bundled.read_text().replace('"closing_force": ', '"closing_force": 1'))
+    with pytest.raises(InputError, match=r"run\.json: .* made with gripper_sha256"):
+        evaluate(config)
+    evaluate(replace(config, out=tmp_path / "b"))
+    with pytest.raises(InputError, match="cannot be compared: gripper_sha256"):
+        compare(tmp_path / "a", tmp_path / "b")
+    facts = json.loads((tmp_path / "a" / "run.json").read_text())
+    for key in ("gripper_sha256", "objects_content_sha256"):
+        facts.pop(key)
+    (tmp_path / "a" / "run.json").write_text(json.dumps(facts))
+    evaluate(config)
+    compare(tmp_path / "a", tmp_path / "b")
 
 
 def test_a_longer_run_goes_on_from_a_shorter_one(undisturbed: Path, tmp_path: Path):

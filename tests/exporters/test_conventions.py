@@ -27,7 +27,7 @@ grasps = st.lists(
         lambda q, p, width, score: Grasp(from_quaternion(q, p), width, score),
         st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: float(np.linalg.norm(q)) > 0.1),
         st.tuples(coordinates, coordinates, coordinates),
-        st.floats(0, 0.2),
+        st.floats(1e-4, 0.2),
         st.floats(0, 1),
     ),
     max_size=4,
@@ -117,6 +117,19 @@ def test_ros_gets_a_pose_stamped_of_the_link():
     np.testing.assert_allclose(between, rigid(translation=(0, 0, 0.1034)), atol=1e-9)
 
 
+def test_the_arm_s_last_link_stands_as_franka_mounts_the_hand_on_it():
+    """franka_description: panda_hand_joint is the fixed joint from panda_link8 with rpy 0 0 -pi/4."""
+    panda, stamp = GRIPPERS[0], ros.Stamp("base_link", "panda_link8")
+    (hand,) = ros.encode([GRASP], panda, ros.Stamp("base_link", "hand"))
+    (link8,) = ros.encode([GRASP], panda, stamp)
+    between = inverse(ros.pose_of(link8["grasp_pose"])) @ ros.pose_of(hand["grasp_pose"])
+    turn = from_quaternion([0, 0, np.sin(-np.pi / 8), np.cos(np.pi / 8)])
+    np.testing.assert_allclose(between, turn, atol=1e-9)
+    same(ros.decode([link8], panda, stamp), [GRASP])
+    with pytest.raises(InputError, match="is of the Panda; for robotiq_2f85 give hand or tcp"):
+        ros.encode([GRASP], GRIPPERS[1], stamp)
+
+
 @pytest.fixture
 def grasps_json(tmp_path: Path) -> Path:
     found = [GRASP, Grasp(GRASP.pose, 0.03, 0.95)]
@@ -129,6 +142,7 @@ def grasps_json(tmp_path: Path) -> Path:
     [
         ([], "grasps_ros.json"),
         (["--format", "ros", "--out", "OUT/r.yaml", "--link", "hand", "--frame-id", "base"], "r.yaml"),
+        (["--link", "panda_link8"], "grasps_ros.json"),
         (["--format", "graspnet", "--out", "OUT/new/g.npy"], "new/g.npy"),
         (["--format", "vgn", "--gripper", "robotiq_2f85"], "grasps_vgn.csv"),
     ],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 
 import pytest
 import torch
@@ -42,7 +43,24 @@ def rewritten(path, model, **changes: str):
     [
         ({"version": "2"}, "newer"),
         ({"format": "other"}, "not NeuGrasp weights"),
+        ({"version": "-1"}, "format version '-1'; this program reads 1"),
+        ({"version": "abc"}, "format version 'abc'"),
+        ({"version": "9" * 5000}, "format version '9"),
+        ({"version": "0"}, "format version '0'"),
         ({"config": '{"colour": 1}'}, "unknown entries"),
+        ({"config": "[]"}, "config is not a JSON object|the file is not a JSON object"),
+        ({"config": "null"}, "is not a JSON object"),
+        ({"config": "{"}, "config: not valid JSON"),
+        ({"config": '{"image_size": "x"}'}, "config.image_size is 'x'; it must be a whole number"),
+        ({"config": '{"image_size": 0}'}, "config.image_size is 0"),
+        ({"config": '{"image_size": 40}'}, "it must be a multiple of 16"),
+        ({"config": '{"image_size": true}'}, "config.image_size is True"),
+        ({"config": '{"heads": 7}'}, "describes no network .*not a multiple of 7 heads"),
+        ({"config": '{"encoder_blocks": [1, 2]}'}, "encoder_blocks has 2 numbers; it must have 3"),
+        ({"config": '{"encoder_blocks": [1, 2, 2.5]}'}, "encoder_blocks.2 is 2.5"),
+        ({"config": '{"encoder_blocks": [1, 2, 9999]}'}, "encoder_blocks.2 is 9999"),
+        ({"config": '{"use_change": 1}'}, "config.use_change is 1; it must be true or false"),
+        ({"config": '{"heads": 8, "heads": 4}'}, "'heads' is given twice"),
         ({}, "do not fit|has shape"),
     ],
 )
@@ -51,6 +69,35 @@ def test_foreign_weights_are_refused_by_name(model, tmp_path, changes, message):
     with pytest.raises(InputError, match=message) as error:
         load_checkpoint(path)
     assert "odd.safetensors" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("about", "message"),
+    [
+        ("[]", "is not a JSON object"),
+        ("{", "about: not valid JSON"),
+        ('{"threshold": 2}', "about.threshold is 2; it must be a number from 0 to 1"),
+        ('{"threshold": "0.9"}', "about.threshold is '0.9'"),
+        ('{"threshold": NaN}', "NaN is not a finite number"),
+        ('{"recipe": 1}', "about.recipe is 1; it must be a text"),
+        ('{"steps": -1}', "about.steps is -1"),
+    ],
+)
+def test_notes_that_the_program_heeds_have_their_type(model, tmp_path, about, message):
+    path = tmp_path / "odd.safetensors"
+    save_checkpoint(path, model, {})
+    config = json.dumps(asdict(model.config))
+    rewritten(path, model, about=about, config=config)
+    with pytest.raises(InputError, match=message) as error:
+        load_checkpoint(path)
+    assert "odd.safetensors" in str(error.value)
+
+
+def test_weights_without_a_configuration_are_refused(model, tmp_path):
+    path = tmp_path / "odd.safetensors"
+    save_file(dict(model.state_dict()), path, {"format": "neugrasp-weights", "version": "1"})
+    with pytest.raises(InputError, match="no config in its metadata"):
+        load_checkpoint(path)
 
 
 def test_a_cut_file_is_refused(model, tmp_path):

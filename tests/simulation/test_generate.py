@@ -6,6 +6,7 @@ import hashlib
 import importlib
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -13,8 +14,10 @@ import sys
 import textwrap
 import time
 from dataclasses import fields, replace
+from importlib import resources
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,11 +25,14 @@ import pytest
 from neugrasp.cli import Generate
 from neugrasp.data.npz import npz_arrays, npz_bytes
 from neugrasp.data.records import read_record
+from neugrasp.data.shards import pack
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.simulation import generate as generation
 from neugrasp.simulation.generate import GenerateConfig, generate
+from neugrasp.simulation.meshes import write_obj
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.renderer import RenderSettings
+from neugrasp.simulation.revolution import box
 from neugrasp.simulation.studio import Studio
 
 HERE = Path(__file__).parent
@@ -194,6 +200,7 @@ SCRIPT = """
     sys.path.insert(0, {here!r})
     from noise_photographer import SlowPhotographer
     from neugrasp.simulation.generate import GenerateConfig, generate
+from neugrasp.simulation.meshes import write_obj
     if __name__ == "__main__":
         generate({config!r}, SlowPhotographer)
 """
@@ -228,6 +235,91 @@ def test_another_configuration_is_refused(undisturbed: Path, photographers: Modu
     with pytest.raises(InputError, match="materials = 'mixed', not 'diffuse'"):
         generate(small(undisturbed, materials="diffuse"), photographers.NoisePhotographer)
     assert digest(undisturbed) == before
+
+
+@pytest.fixture
+def own_files(tmp_path: Path) -> dict[str, Path]:
+    """A gripper and a folder of objects of the user's own."""
+    gripper = tmp_path / "mine.json"
+    gripper.write_text((Path(str(resources.files("neugrasp"))) / "grippers" / "panda.json").read_text())
+    objects = tmp_path / "objects"
+    write_obj(objects / "brick.obj", (box(np.array([0.02, 0.02, 0.04])),))
+    for i in range(12):
+        (objects / f"brick{i}.urdf").write_text(BRICK)
+    return {"gripper": gripper, "objects": objects}
+
+
+BRICK = """<robot name="brick"><link name="base">
+<inertial><mass value="0.1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
+<visual><geometry><mesh filename="brick.obj"/></geometry></visual>
+<collision><geometry><mesh filename="brick.obj"/></geometry></collision></link></robot>"""
+
+
+def own(tmp_path: Path, own_files: dict[str, Path], **changes: Any) -> GenerateConfig:
+    files = {"gripper": str(own_files["gripper"]), "objects": own_files["objects"], "object_sets": ()}
+    return small(tmp_path / "out", **{"photos": False, "num": 1, **files, **changes})
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "named"),
+    [
+        ("gripper", '"max_opening": 0.08', '"max_opening": 0.02', "gripper_sha256"),
+        ("objects", "0.0800000", "0.0810000", "objects_content_sha256"),
+        ("urdf", 'mass value="0.1"', 'mass value="0.2"', "objects_content_sha256"),
+    ],
+)
+def test_a_run_does_not_go_on_with_other_files_of_the_same_name(
+    tmp_path: Path, own_files: dict[str, Path], file: str, old: str, new: str, named: str
+) -> None:
+    """One data set never holds the labels of two grippers, or two shapes under one name."""
+    config = own(tmp_path, own_files)
+    generate(config)
+    before = digest(config.out)
+    changed = {
+        "gripper": own_files["gripper"],
+        "objects": own_files["objects"] / "brick.obj",
+        "urdf": own_files["objects"] / "brick3.urdf",
+    }[file]
+    text = changed.read_text()
+    assert old in text
+    changed.write_text(text.replace(old, new))
+    with pytest.raises(InputError, match=f"dataset.json.*made with {named} = "):
+        generate(replace(config, num=2))
+    assert digest(config.out) == before
+    changed.write_text(text)
+    assert len(generate(replace(config, num=2))) == 2
+
+
+def test_a_data_set_from_before_the_hashes_goes_on(tmp_path: Path, own_files: dict[str, Path]) -> None:
+    config = own(tmp_path, own_files)
+    generate(config)
+    file = config.out / "dataset.json"
+    described = json.loads(file.read_text())
+    for key in ("gripper_sha256", "objects_content_sha256"):
+        described.pop(key)
+    file.write_text(json.dumps(described))
+    assert len(generate(replace(config, num=2))) == 2
+    file.write_text(json.dumps(described | {"seed": 99}))
+    with pytest.raises(InputError, match="seed = 99"):
+        generate(config)
+
+
+def test_a_damaged_record_is_made_again_as_its_message_says(
+    tmp_path: Path, own_files: dict[str, Path]
+) -> None:
+    config = own(tmp_path, own_files)
+    (folder,) = generate(config)
+    before = digest(config.out)
+    (folder / "grasps.npz").write_bytes((folder / "grasps.npz").read_bytes()[:100])
+    with pytest.raises(
+        InputError, match=r"grasps\.npz: damaged .*delete .* and run `neugrasp generate`"
+    ) as caught:
+        pack([config.out / "scenes"], tmp_path / "packed")
+    (told,) = re.findall(r"delete (\S+) and run", str(caught.value))
+    shutil.rmtree(told)
+    generate(config)
+    assert digest(config.out) == before
+    pack([config.out / "scenes"], tmp_path / "packed")
 
 
 @pytest.mark.parametrize(
@@ -293,6 +385,17 @@ def test_the_program_and_the_library_have_the_same_defaults(tmp_path: Path) -> N
 def test_two_runs_do_not_write_into_one_folder(tmp_path: Path, photographers: ModuleType) -> None:
     with generation._only_one(tmp_path), pytest.raises(InputError, match="another neugrasp generate"):
         generate(small(tmp_path), photographers.NoisePhotographer)
+
+
+def test_a_cache_that_cannot_be_written_is_named_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Not the folder of the data set, and not after twenty other arrangements."""
+    monkeypatch.setenv("NEUGRASP_CACHE", str(tmp_path / "file" / "cache"))
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(NeuGraspError, match=r"file/cache/objects/.*: cannot be written \(Not a directory\)"):
+        generate(small(tmp_path / "out", photos=False, seed=77))
+    assert "drawn anew" not in caplog.text
 
 
 @pytest.mark.parametrize("workers", [1, 2])

@@ -153,7 +153,7 @@ def test_the_cameras_of_a_round_are_those_that_it_was_played_with(evaluation: Pa
     [
         (lambda c: (c.prediction / "tsdf.npz").unlink(), "tsdf.npz: missing; a prediction needs"),
         (lambda c: (c.prediction / "tsdf.npz").write_bytes(b"no"), "tsdf.npz"),
-        (lambda c: (c.prediction / "grasps.json").write_text("{}"), "damaged list of grasps"),
+        (lambda c: (c.prediction / "grasps.json").write_text("{}"), r"grasps\.json: format is None"),
         (lambda c: (c.prediction / "grasps.json").unlink(), "nothing to show; give a scene"),
     ],
 )

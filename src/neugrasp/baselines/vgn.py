@@ -6,7 +6,6 @@ The network is the grasp head of this project, which was taken from VGN: only th
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from neugrasp.data.npz import reason_of
 from neugrasp.detection.decode import Prediction, Selection, SelectionConfig, select_grasps
 from neugrasp.detection.detector import Detection, Stopwatch
 from neugrasp.errors import InputError
@@ -21,6 +21,7 @@ from neugrasp.geometry.fusion import Grid, Tsdf, fuse, vgn_grid
 from neugrasp.geometry.pose import inverse, rigid
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
+from neugrasp.model.checkpoint import FLOATS
 from neugrasp.model.config import ModelConfig
 from neugrasp.model.grasp_head import GraspHead
 from neugrasp.views import DepthViews
@@ -45,8 +46,9 @@ def load_vgn_head(path: Path) -> GraspHead:
     """The network with the weights of a public checkpoint, 18 tensors. Raises `InputError`."""
     try:
         state = torch.load(path, map_location="cpu", weights_only=True)
-    except (OSError, RuntimeError, pickle.UnpicklingError, EOFError) as error:
-        raise InputError(f"{path}: not readable as VGN weights ({error})") from error
+    # The unpickler raises whatever a foreign byte leads it to.
+    except Exception as error:
+        raise InputError(f"{path}: not readable as VGN weights ({reason_of(error)})") from error
     head = GraspHead(ModelConfig())
     head.load_state_dict(_renamed(state, head, path))
     return head.eval()
@@ -63,7 +65,9 @@ def _renamed(state: object, head: GraspHead, path: Path) -> dict[str, Tensor]:
     for key, tensor in state.items():
         layer, part = key.rsplit(".", 1)
         own = f"{PUBLIC_NAMES[layer]}.{part}"
-        if tensor.shape != wanted[own].shape or not torch.isfinite(tensor).all():
+        if not isinstance(tensor, Tensor) or tensor.dtype not in FLOATS:
+            raise InputError(f"{path}: {key} is no tensor of floating numbers")
+        if tensor.shape != wanted[own].shape or not torch.isfinite(tensor.float()).all():
             raise InputError(f"{path}: {key} has shape {tuple(tensor.shape)} or is not finite")
         renamed[own] = tensor
     return renamed

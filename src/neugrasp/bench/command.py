@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from neugrasp.errors import InputError
+from neugrasp.output import check_file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +63,8 @@ class SpeedTest:
     def _check(self) -> None:
         if not 1 <= self.views <= 8:
             raise InputError(f"--views {self.views}: a scene has 1 to 8 views")
+        if self.json is not None:
+            check_file(self.json)
         for option, value in (("--rounds", self.rounds), ("--threads", self.threads)):
             if value is not None and value < 1:
                 raise InputError(f"{option} {value}: must be at least 1")

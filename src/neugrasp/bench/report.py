@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import statistics
 from dataclasses import asdict
 from pathlib import Path
@@ -13,8 +12,8 @@ from neugrasp.bench.machine import Machine, Rates
 from neugrasp.bench.measure import Inference, Measurement, Series, Training
 from neugrasp.bench.recorder import Cost
 from neugrasp.bench.stages import OTHER
-from neugrasp.errors import NeuGraspError
 from neugrasp.long_runs import source_commit
+from neugrasp.output import write_text
 
 FORMAT, VERSION = "neugrasp-bench", 1
 ORDER = (
@@ -90,15 +89,7 @@ def _notes(inference: dict[str, Any]) -> list[str]:
 
 def write_json(file: Path, report: dict[str, Any]) -> None:
     """The summary as a file, whole or not at all. Raises `NeuGraspError` where it cannot be written."""
-    temporary = file.with_name(f".{file.name}.{os.getpid()}")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
-        temporary.replace(file)
-    except OSError as error:
-        raise NeuGraspError(f"{file}: cannot be written ({error.strerror})") from error
-    finally:
-        temporary.unlink(missing_ok=True)
+    write_text(file, json.dumps(report, indent=1) + "\n")
 
 
 def _median(series: Series) -> float:

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from neugrasp.data.npz import npz_arrays, npz_bytes
 
+KINDS = {"points": "f", "quaternions": "f", "widths": "f", "success": "b"}
+
 
 @dataclass(frozen=True)
 class Labels:
@@ -36,4 +38,4 @@ def labels_to_bytes(labels: Labels) -> bytes:
 
 def labels_from_bytes(data: bytes, source: str) -> Labels:
     """The inverse of `labels_to_bytes`."""
-    return Labels(**npz_arrays(data, ("points", "quaternions", "widths", "success"), source))
+    return Labels(**npz_arrays(data, KINDS, source))

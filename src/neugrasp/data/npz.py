@@ -3,14 +3,42 @@
 from __future__ import annotations
 
 import io
+import struct
+import tokenize
 import zipfile
 import zlib
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp.errors import InputError
+
+LARGEST = 2_000_000_000
+"""Bytes that an archive may unpack to."""
+WORDS = {"f": "floating numbers", "u": "unsigned integers", "i": "integers", "b": "truth values"}
+DAMAGE = (
+    ValueError,
+    TypeError,
+    OSError,
+    EOFError,
+    RuntimeError,
+    MemoryError,
+    OverflowError,
+    SyntaxError,
+    struct.error,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""What reading a damaged archive, or an array in it, may raise."""
+
+
+def reason_of(error: BaseException) -> str:
+    """What an error says, cut where it repeats what it found, which may be long and may be anything."""
+    said = f"{error}" or type(error).__name__
+    return said if len(said) <= 200 else f"{said[:200]} ..."
 
 
 def npz_bytes(**arrays: NDArray[Any]) -> bytes:
@@ -21,15 +49,30 @@ def npz_bytes(**arrays: NDArray[Any]) -> bytes:
 
 
 def npz_arrays(
-    data: bytes, names: tuple[str, ...], source: str, optional: tuple[str, ...] = ()
+    data: bytes, kinds: Mapping[str, str], source: str, optional: Sequence[str] = ()
 ) -> dict[str, NDArray[Any]]:
-    """The named arrays of an npz file, and of the `optional` ones those that it has. Raises `InputError`
-    naming `source` where it is damaged."""
+    """The named arrays of an npz file, each of its kind: "f" finite floats, "u" and "i" integers, "b" truth.
+
+    Of the `optional` ones, those that the file has. Raises `InputError` naming `source` where the file is
+    damaged, or holds something else.
+    """
     try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            if sum(member.file_size for member in archive.infolist()) > LARGEST:
+                raise InputError(f"{source}: unpacks to more than {LARGEST / 1e9:.0f} GB")
         with np.load(io.BytesIO(data), allow_pickle=False) as loaded:
-            found = [name for name in optional if name in loaded]
-            return {name: loaded[name] for name in (*names, *found)}
+            found = [name for name in kinds if name not in optional or name in loaded]
+            arrays = {name: loaded[name] for name in found}
     except KeyError as error:
-        raise InputError(f"{source}: has no array {error}; it must hold {', '.join(names)}") from error
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
-        raise InputError(f"{source}: damaged ({error}); generate the record again") from error
+        raise InputError(f"{source}: has no array {error}; it must hold {', '.join(kinds)}") from error
+    except DAMAGE as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{source}: damaged ({reason_of(error)})") from error
+    for name, array in arrays.items():
+        kind = kinds[name]
+        if not isinstance(array, np.ndarray) or array.dtype.kind != kind:
+            raise InputError(f"{source}: {name!r} holds no {WORDS[kind]}")
+        if kind == "f" and not np.all(np.isfinite(array)):
+            raise InputError(f"{source}: {name!r} holds NaN or infinite numbers")
+    return arrays

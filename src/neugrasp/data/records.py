@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -19,11 +19,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from neugrasp.data.fields import Fields
 from neugrasp.data.labels import Labels, labels_from_bytes, labels_to_bytes
 from neugrasp.data.npz import npz_arrays, npz_bytes
 from neugrasp.data.scene_folder import read_scene, write_scene
+from neugrasp.data.strict_json import read_json
 from neugrasp.data.trials import Trials, trials_from_bytes, trials_to_bytes
-from neugrasp.data.whole_or_nothing import replace_file
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.workspace import Workspace
@@ -35,7 +36,8 @@ DEPTH_UNIT = 1e-4
 FILES = ("world.json", "cell.json", "truth.npz", "grasps.npz")
 TRIALS_FILE = "trials.npz"
 PHOTO_FILES = ("scene.json", "targets/scene.json")
-_TRUTH = ("tsdf", "observed", "depth", "masks")
+TRUTH_ARRAYS = {"tsdf": "f", "observed": "u", "depth": "u", "masks": "i", "distance": "f"}
+"""Arrays of truth.npz and their kinds (`npz_arrays`); older records lack the distance."""
 NO_PHOTOS = np.zeros((0, 0, 0, 3), np.uint8)
 
 
@@ -148,15 +150,20 @@ PhotosWanted = Literal["all", "inputs", "none"]
 def read_record(folder: Path, photos: PhotosWanted = "all", trials: bool = True) -> Record:
     """The record in `folder`, with what of photos and trials is wanted.
 
-    Raises `InputError` naming the file that is missing or damaged.
+    Raises `InputError` naming the file that is missing or damaged, and how the record is made again.
     """
     folder = Path(folder)
-    _need(folder, FILES)
-    world = scene_from_json((folder / "world.json").read_text(errors="replace"), folder / "world.json")
     try:
-        cell = json.loads((folder / "cell.json").read_text(errors="replace"))
-    except json.JSONDecodeError as error:
-        raise InputError(f"{folder / 'cell.json'}: not valid JSON ({error})") from error
+        return _read(folder, photos, trials)
+    except InputError as error:
+        again = f"delete {folder} and run `neugrasp generate` again as before: it makes what is missing"
+        raise InputError(f"{error}; {again}") from error
+
+
+def _read(folder: Path, photos: PhotosWanted, trials: bool) -> Record:
+    need_files(folder, FILES)
+    world = scene_from_json((folder / "world.json").read_text(errors="replace"), folder / "world.json")
+    cell = Fields(str(folder / "cell.json"), read_json(folder / "cell.json", "the work cell")).data
     truth = truth_from_bytes((folder / "truth.npz").read_bytes(), str(folder / "truth.npz"))
     record = Record(
         name=folder.name,
@@ -176,7 +183,7 @@ def read_trials(folder: Path) -> Trials | None:
     return trials_from_bytes(path.read_bytes(), str(path)) if path.is_file() else None
 
 
-def _need(folder: Path, files: tuple[str, ...]) -> None:
+def need_files(folder: Path, files: tuple[str, ...]) -> None:
     for name in files:
         if not (folder / name).is_file():
             raise InputError(f"{folder / name}: missing; a record needs {', '.join(FILES + PHOTO_FILES)}")
@@ -184,7 +191,7 @@ def _need(folder: Path, files: tuple[str, ...]) -> None:
 
 def _photos(folder: Path, wanted: PhotosWanted) -> dict[str, Any]:
     """Photos, backgrounds and cameras, read."""
-    _need(folder, PHOTO_FILES)
+    need_files(folder, PHOTO_FILES)
     found = without_photos()
     if wanted == "none":
         return found
@@ -240,7 +247,7 @@ def truth_to_bytes(record: Record) -> bytes:
 
 def truth_from_bytes(data: bytes, source: str) -> dict[str, Any]:
     """The fields tsdf, observed, depths, masks and distance of a `Record`."""
-    arrays = npz_arrays(data, _TRUTH, source, optional=("distance",))
+    arrays = npz_arrays(data, TRUTH_ARRAYS, source, optional=("distance",))
     bits = np.unpackbits(arrays["observed"])[: arrays["tsdf"].size].astype(bool)
     if bits.size != arrays["tsdf"].size:
         raise InputError(f"{source}: 'observed' has {bits.size} voxels, 'tsdf' {arrays['tsdf'].size}")
@@ -251,23 +258,6 @@ def truth_from_bytes(data: bytes, source: str) -> dict[str, Any]:
         "masks": arrays["masks"],
         "distance": arrays["distance"].astype(np.float32) if "distance" in arrays else None,
     }
-
-
-def add_distance(folder: Path, distance: Callable[[Scene], NDArray[np.float32]]) -> bool:
-    """Stores the mesh distance of a record's scene where the record in `folder` has none; whether it did.
-
-    All else in truth.npz stays as it is, and whoever reads it meanwhile finds the old file or the new one.
-    Raises `InputError` naming the file that is missing or damaged, `NeuGraspError` where the disk refuses.
-    """
-    _need(folder, FILES)
-    path = folder / "truth.npz"
-    arrays = npz_arrays(path.read_bytes(), _TRUTH, str(path), optional=("distance",))
-    if "distance" in arrays:
-        return False
-    world = folder / "world.json"
-    grid = distance(scene_from_json(world.read_text(errors="replace"), world))
-    replace_file(path, npz_bytes(**arrays, distance=grid.astype(np.float16)))
-    return True
 
 
 def _write_files(folder: Path, record: Record) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import re
 import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,7 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as Picture
 
+from neugrasp.data.fields import Fields, shown
 from neugrasp.data.labels import labels_from_bytes, labels_to_bytes
+from neugrasp.data.npz import DAMAGE, reason_of
 from neugrasp.data.records import (
     NO_PHOTOS,
     TRIALS_FILE,
@@ -30,8 +33,10 @@ from neugrasp.data.records import (
     truth_to_bytes,
     without_photos,
 )
+from neugrasp.data.strict_json import parse_json, read_json
 from neugrasp.data.trials import trials_from_bytes, trials_to_bytes
-from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.data.whole_or_nothing import whole_or_nothing
+from neugrasp.errors import InputError
 from neugrasp.simulation.scene import camera_from_dict, camera_to_dict, scene_from_json, scene_to_json
 from neugrasp.views import Image
 
@@ -40,6 +45,8 @@ VERSION = 1
 INDEX = "index.json"
 LIMIT = 60_000_000
 """Bytes; a shard never grows beyond it, unless a single record does."""
+LARGEST = 10 * LIMIT
+"""Bytes that a member may unpack to."""
 _IMAGES = ("images", "backgrounds", "targets", "target_backgrounds")
 
 
@@ -63,13 +70,12 @@ def pack(
         raise InputError(f"{', '.join(map(str, folders))}: no records here; generate some first")
     if doubled := sorted({name for name in names if names.count(name) > 1}):
         raise InputError(f"record {doubled[0]!r} is in two of the folders; names must differ")
-    out = Path(out)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        entries = [entry for shard in _shards(found, limit, quality, photos) for entry in shard.write(out)]
-        return _write_index(out, entries)
-    except OSError as error:
-        raise NeuGraspError(f"{out}: cannot be written ({error.strerror})") from error
+    earlier = sorted(path.name for path in out.glob("shard_*.zip"))
+    with whole_or_nothing(out, (INDEX, *earlier)) as part:
+        entries = [entry for shard in _shards(found, limit, quality, photos) for entry in shard.write(part)]
+        index = {"format": FORMAT, "version": VERSION, "records": entries}
+        (part / INDEX).write_text(json.dumps(index, indent=1), encoding="utf-8")
+    return out / INDEX
 
 
 @dataclass
@@ -85,13 +91,11 @@ class _Shard:
         return sum(len(data) + 2 * len(name) + 160 for name, data in (self.members | more).items())
 
     def write(self, out: Path) -> list[dict[str, Any]]:
-        """Writes the archive at once and gives the entries of the index."""
+        """Writes the archive and gives the entries of the index."""
         file = f"shard_{self.number:04d}.zip"
-        temporary = out / f".{file}.tmp"
-        with zipfile.ZipFile(temporary, "w", zipfile.ZIP_STORED) as archive:
+        with zipfile.ZipFile(out / file, "w", zipfile.ZIP_STORED) as archive:
             for name, data in self.members.items():
                 archive.writestr(zipfile.ZipInfo(name), data)
-        temporary.replace(out / file)
         return [{**entry, "shard": file} for entry in self.entries]
 
 
@@ -166,53 +170,29 @@ def _webp(image: Image, quality: int | None) -> bytes:
     return stream.getvalue()
 
 
-def _write_index(out: Path, entries: list[dict[str, Any]]) -> Path:
-    used = {entry["shard"] for entry in entries}
-    for stale in out.glob("shard_*.zip"):
-        if stale.name not in used:
-            stale.unlink()
-    index, temporary = out / INDEX, out / f".{INDEX}.tmp"
-    temporary.write_text(json.dumps({"format": FORMAT, "version": VERSION, "records": entries}, indent=1))
-    temporary.replace(index)
-    return index
-
-
 class Shards(Sequence[Record]):
     """Random access to packed records. Picklable: archives are opened when they are first read."""
 
     def __init__(self, folder: Path):
-        """Raises `InputError` where the index is missing, damaged or of a newer version."""
+        """Raises `InputError` where the index is missing, damaged or of another version."""
         self.folder = Path(folder)
-        index = self.folder / INDEX
-        try:
-            data = json.loads(index.read_text())
-            if data["format"] != FORMAT:
-                raise InputError(f"{index}: not an index of {FORMAT}")
-            if data["version"] > VERSION:
-                raise InputError(
-                    f"{index}: version {data['version']}, this program reads {VERSION}; update it"
-                )
-            self.entries: list[dict[str, Any]] = data["records"]
-            self.names = tuple(entry["name"] for entry in self.entries)
-        except FileNotFoundError as error:
-            raise InputError(f"{index}: missing; pack records into this folder first") from error
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            if isinstance(error, InputError):
-                raise
-            raise InputError(f"{index}: damaged ({error!r}); pack the records again") from error
+        path = self.folder / INDEX
+        index = Fields(str(path), read_json(path, "an index made by `neugrasp pack`"))
+        index.expect(FORMAT, VERSION)
+        self.entries = tuple(_entry(fields) for fields in index.each("records"))
+        self.names = tuple(entry.name for entry in self.entries)
 
     def __len__(self) -> int:
         return len(self.entries)
 
     def has_photos(self, index: int) -> bool:
         """Whether a record has photos, without reading it."""
-        if "photos" in self.entries[index]:
-            return bool(self.entries[index]["photos"])
-        return self.read(index).has_photos  # an index of before this entry
+        known = self.entries[index].photos
+        return self.read(index).has_photos if known is None else known
 
     def identity(self) -> str:
         """A hash that changes when scenes are added, removed or made anew."""
-        return hashlib.sha256(json.dumps(self.entries, sort_keys=True).encode()).hexdigest()
+        return hashlib.sha256(repr(self.entries).encode()).hexdigest()
 
     def __getitem__(self, index: Any) -> Any:
         """The record at `index`. Raises `InputError` naming the shard where it is damaged."""
@@ -223,35 +203,54 @@ class Shards(Sequence[Record]):
     def read(self, index: int, photos: PhotosWanted = "all", trials: bool = True) -> Record:
         """The record at `index`, with what of photos and trials is wanted. Raises like indexing."""
         entry = self.entries[index]
-        path = self.folder / entry["shard"]
+        path = self.folder / entry.shard
         try:
             with zipfile.ZipFile(path) as archive:
-                return _record(archive, entry["name"], f"{path}, {entry['name']}", photos, trials)
+                return _record(archive, entry.name, f"{path}, {entry.name}", photos, trials)
         except FileNotFoundError as error:
             raise InputError(
                 f"{path}: missing; copy it beside the index or pack the records again"
             ) from error
-        except (zipfile.BadZipFile, KeyError, ValueError, OSError, EOFError, TypeError) as error:
-            if isinstance(error, InputError):
-                raise
+        except (*DAMAGE, LookupError, AttributeError, Picture.DecompressionBombError) as error:
+            reason = reason_of(error).removeprefix(f"{path}, {entry.name}: ")
             raise InputError(
-                f"{path}: damaged at record {entry['name']} ({error}); copy or pack it again"
+                f"{path}: damaged at record {entry.name} ({reason}); copy or pack it again"
             ) from error
 
 
+@dataclass(frozen=True)
+class _Entry:
+    """Where a record is."""
+
+    name: str
+    shard: str
+    """The archive's name in the folder of the index."""
+    photos: bool | None
+    """Whether it has photos; None in an index of before this field."""
+    sha256: str | None
+    """Of its labels; None in an index of before this field."""
+
+
+def _entry(fields: Fields) -> _Entry:
+    name, shard = fields.text("name"), fields.text("shard")
+    if not re.fullmatch(r"shard_\d+\.zip", shard):
+        raise fields.refuse("shard", f"is {shown(shard)}; it must be shard_NUMBER.zip, beside the index")
+    photos = fields.flag("photos") if "photos" in fields.data else None
+    return _Entry(name, shard, photos, fields.text("sha256") if "sha256" in fields.data else None)
+
+
 def _record(archive: zipfile.ZipFile, name: str, source: str, photos: PhotosWanted, trials: bool) -> Record:
-    description = json.loads(archive.read(f"{name}/record.json"))
-    truth = truth_from_bytes(archive.read(f"{name}/truth.npz"), source)
-    seen = _seen(archive, description, photos)
+    description = parse_json(_member(archive, f"{name}/record.json"), source)
+    truth = truth_from_bytes(_member(archive, f"{name}/truth.npz"), source)
     file = f"{name}/{TRIALS_FILE}"
     has_trials = trials and file in archive.namelist()
     record = Record(
         name=name,
         scene=scene_from_json(json.dumps(description["scene"]), source),
-        cell=description["cell"],
-        **(truth | seen),
-        labels=labels_from_bytes(archive.read(f"{name}/grasps.npz"), source),
-        trials=trials_from_bytes(archive.read(file), source) if has_trials else None,
+        cell=Fields(source, description["cell"], "cell.").data,
+        **(truth | _seen(archive, description, photos)),
+        labels=labels_from_bytes(_member(archive, f"{name}/grasps.npz"), source),
+        trials=trials_from_bytes(_member(archive, file), source) if has_trials else None,
     )
     check_record(record, source)
     return record
@@ -274,6 +273,13 @@ def _seen(archive: zipfile.ZipFile, description: dict[str, Any], wanted: PhotosW
     )
 
 
+def _member(archive: zipfile.ZipFile, name: str) -> bytes:
+    size = archive.getinfo(name).file_size
+    if size > LARGEST:
+        raise ValueError(f"{name} unpacks to {size / 1e6:.0f} MB")
+    return archive.read(name)
+
+
 def _stacked(archive: zipfile.ZipFile, members: Sequence[str]) -> Image:
     images = [_image(archive, member) for member in members]
     return np.stack(images) if images else NO_PHOTOS
@@ -281,5 +287,5 @@ def _stacked(archive: zipfile.ZipFile, members: Sequence[str]) -> Image:
 
 def _image(archive: zipfile.ZipFile, member: str) -> Image:
     # Reading a member checks its CRC, so that a flipped bit is an error rather than a wrong pixel.
-    with Picture.open(io.BytesIO(archive.read(member))) as picture:
+    with Picture.open(io.BytesIO(_member(archive, member))) as picture:
         return np.asarray(picture.convert("RGB"))

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from neugrasp.data.npz import npz_arrays
 from neugrasp.data.scene_folder import read_scene
 from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.detection.detector import Detection, NeuGraspDetector
 from neugrasp.errors import InputError
-from neugrasp.export import write_picture, write_prediction
+from neugrasp.export import FILES, write_picture, write_prediction
 from neugrasp.pictures import slice_picture, surface_sheet
 
 
@@ -35,10 +36,10 @@ def demo_scenes() -> list[DemoScene]:
 
 def run_demo(scene: DemoScene, detector: NeuGraspDetector, out: Path) -> Detection:
     """Predicts a scene and writes its four files, surface.png and slice.png into `out`."""
-    views = read_scene(scene.folder)
-    detection = detector.detect(views)
-    truth = _truth(scene.folder / "truth.npz")
-    with whole_or_nothing(out) as part:
+    with whole_or_nothing(out, FILES) as part:
+        views = read_scene(scene.folder)
+        detection = detector.detect(views)
+        truth = _truth(scene.folder / "truth.npz")
         write_prediction(part, views, detection, detector.gripper)
         write_picture(part / "surface.png", surface_sheet(views, detection.tsdf, truth))
         write_picture(part / "slice.png", slice_picture(detection.tsdf, views.workspace))
@@ -49,5 +50,4 @@ def _truth(file: Path) -> np.ndarray | None:
     """The true grid that the generator fused from depth images, where the scene has one."""
     if not file.exists():
         return None
-    with np.load(file) as arrays:
-        return np.asarray(arrays["tsdf"], dtype=np.float32)
+    return npz_arrays(file.read_bytes(), {"tsdf": "f"}, str(file))["tsdf"].astype(np.float32)

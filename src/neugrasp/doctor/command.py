@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from neugrasp.doctor.findings import Verdict
+from neugrasp.errors import InputError
+from neugrasp.output import whole_file
 
 
 @dataclass(frozen=True)
@@ -29,11 +31,16 @@ class Doctor:
         from neugrasp.doctor.fix import write_fixed
         from neugrasp.doctor.report import report
 
-        diagnosis = examine_folder(self.scene)
+        if self.report is None:
+            diagnosis = examine_folder(self.scene)
+        else:
+            if self.report.suffix.lower() not in (".html", ".htm"):
+                raise InputError(f"--report {self.report}: give a name that ends with .html")
+            with whole_file(self.report, inputs=[self.scene]) as part:
+                diagnosis = examine_folder(self.scene)
+                part.write_text(report(diagnosis, self.scene.name), encoding="utf-8")
         lines = [*diagnosis.lines(), f"\n{self.scene}: {diagnosis.level.word}"]
         if self.report is not None:
-            self.report.parent.mkdir(parents=True, exist_ok=True)
-            self.report.write_text(report(diagnosis, self.scene.name), encoding="utf-8")
             lines.append(str(self.report))
         if self.fix is not None:
             write_fixed(diagnosis, self.scene, self.fix)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from neugrasp.baselines.depth_noise import NoisyDepth
-from neugrasp.errors import InputError
+from neugrasp.errors import InputError, WriteError
 from neugrasp.evaluation.cells import background_folder
 from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.contestants import DEPTH, PHOTOS, SEES, load_contestant
@@ -29,6 +29,7 @@ from neugrasp.simulation.cell_photos import Photographer, backgrounds
 from neugrasp.simulation.objects import ObjectLibrary, ObjectModel
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.renderer import RenderSettings
+from neugrasp.terminal import plain
 
 log = logging.getLogger(__name__)
 
@@ -80,12 +81,12 @@ class Bench:
         start = time.perf_counter()
         try:
             return self._play(index)
-        except InputError:
+        except (InputError, WriteError):
             raise
         except Exception as error:
             log.exception("round %d crashed", index)
             seconds = {"crash": time.perf_counter() - start}
-            details = traceback.format_exception_only(error)[-1].strip()
+            details = plain(traceback.format_exception_only(error)[-1].strip())
             return Episode(index, 0, CRASHED, error=details, timing_s=seconds)
 
     def _play(self, index: int) -> Episode:

@@ -13,6 +13,7 @@ from neugrasp.evaluation.episode import Episode
 from neugrasp.evaluation.folder import facts_of, played
 from neugrasp.evaluation.protocols import protocol_of
 from neugrasp.evaluation.scores import RESAMPLES, first_succeeded
+from neugrasp.long_runs import CONTENTS
 
 SAME = ("protocol", "scene", "seed", "objects_sha256", "gripper")
 """What both evaluations must agree in; materials, views and detectors may be what is compared."""
@@ -26,8 +27,10 @@ def compare(a: Path, b: Path) -> dict[str, Any]:
     The interval is a bootstrap over rounds. p is that of a randomisation test: were A and B alike, their
     results of a round could be swapped. Raises `InputError` where the rounds are not the same.
     """
-    facts = [facts_of(folder) for folder in (a, b)]
-    for key in SAME:
+    facts = [facts_of(folder, needs=("protocol",)) for folder in (a, b)]
+    for key in (*SAME, *CONTENTS):
+        if key in CONTENTS and not all(key in some for some in facts):
+            continue
         if facts[0].get(key) != facts[1].get(key):
             raise InputError(
                 f"{a} and {b} cannot be compared: {key} is {facts[0].get(key)!r} and {facts[1].get(key)!r}"

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from neugrasp.data.fields import Fields
+from neugrasp.data.strict_json import read_json
 from neugrasp.errors import InputError
+from neugrasp.output import write_text
 
 EMPTY = "table empty"
 NOTHING_DETECTED = "nothing detected"
@@ -16,6 +20,8 @@ CRASHED = "crashed"
 ENDINGS = (EMPTY, NOTHING_DETECTED, FAILED_TOO_OFTEN, CRASHED)
 
 FORMAT, VERSION = "neugrasp-round", 1
+MANY, FAR = 10**9, 1e9
+"""Beyond what any count, and any number, of a round may be."""
 
 
 @dataclass(frozen=True)
@@ -81,33 +87,67 @@ class Episode:
 
 def write_episode(path: Path, episode: Episode) -> None:
     """Writes the file whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.tmp")
     data = {"format": FORMAT, "version": VERSION, **asdict(episode)}
-    temporary.write_text(json.dumps(data) + "\n", encoding="utf-8")
-    temporary.replace(path)
+    write_text(path, json.dumps(data) + "\n")
 
 
 def read_episode(path: Path) -> Episode:
     """The inverse of `write_episode`. Raises `InputError` naming the file."""
+    if not path.is_file():
+        raise InputError(f"{path}: cannot be read (no such file)")
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-        if data.pop("format") != FORMAT or data.pop("version") != VERSION:
-            raise InputError(f"{path}: not a {FORMAT} of version {VERSION}")
-        attempts = tuple(_attempt(attempt) for attempt in data.pop("attempts"))
-        return Episode(**data, attempts=attempts)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    except (KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
-        raise InputError(f"{path}: damaged record of a round ({error!r}); delete it and run again") from error
+        return _episode(Fields(str(path), read_json(path, "the record of a round")))
+    except InputError as error:
+        raise InputError(f"{error}; damaged record of a round: delete it and run again") from error
 
 
-def _attempt(data: dict[str, Any]) -> Attempt:
-    data["position"], data["quaternion_xyzw"] = tuple(data["position"]), tuple(data["quaternion_xyzw"])
-    return Attempt(**data)
+def _episode(fields: Fields) -> Episode:
+    fields.expect(FORMAT, VERSION)
+    fields.only(("format", "version", *(f.name for f in dataclasses.fields(Episode))))
+    return Episode(
+        fields.whole("index", 0, MANY),
+        fields.whole("objects", 0, MANY),
+        fields.text("ending", ENDINGS),
+        tuple(map(_attempt, fields.each("attempts"))),
+        fields.text("scene_sha256"),
+        fields.text("error"),
+        fields.inside("timing_s").each_number(0, FAR),
+        _lying(fields, "left"),
+    )
+
+
+def _attempt(fields: Fields) -> Attempt:
+    fields.only(f.name for f in dataclasses.fields(Attempt))
+    x, y, z = fields.numbers("position", 3, FAR, "[x, y, z] in metres").tolist()
+    qx, qy, qz, qw = fields.unit("quaternion_xyzw", 4).tolist()
+    constants = fields.inside("l1_constants")
+    return Attempt(
+        fields.whole("round", 0, MANY),
+        fields.whole("attempt", 0, MANY),
+        fields.whole("objects", 0, MANY),
+        fields.whole("candidates", 0, MANY),
+        fields.number("score", -FAR, FAR),
+        fields.number("width", -FAR, FAR, "m"),
+        (x, y, z),
+        (qx, qy, qz, qw),
+        fields.flag("success"),
+        fields.text("reason"),
+        fields.flag("touched"),
+        fields.whole("lost", 0, MANY),
+        fields.number("opening", -FAR, FAR, "m"),
+        fields.inside("l1").each_number(0, FAR),
+        {value: constants.inside(value).each_number(0, FAR) for value in constants.data},
+        fields.inside("timing_s").each_number(0, FAR),
+        _lying(fields, "before"),
+    )
+
+
+def _lying(fields: Fields, field: str) -> dict[str, Any] | None:
+    """What lay on the table, or null."""
+    return None if fields.get(field) is None else fields.inside(field).data
 
 
 def attempt_line(attempt: Attempt) -> str:
     """The attempt as one line of attempts.jsonl: everything but what lay on the table."""
-    data = {f.name: getattr(attempt, f.name) for f in fields(attempt) if f.name != "before"}
+    data = {f.name: getattr(attempt, f.name) for f in dataclasses.fields(attempt) if f.name != "before"}
     return json.dumps(data) + "\n"

@@ -3,30 +3,43 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
+from neugrasp.data.fields import Fields
+from neugrasp.data.strict_json import read_json
 from neugrasp.errors import InputError
 from neugrasp.evaluation.episode import CRASHED, Episode, read_episode
-from neugrasp.simulation.objects import ObjectLibrary
+from neugrasp.simulation.objects import KINDS, ObjectLibrary
 from neugrasp.simulation.scene import Scene, scene_from_json
 
+WORDS = {"detector", "scene", "materials", "strategy", "protocol", "views", "gripper", "split"}
+NEEDED = ("object_sets", "scene", "seed", "views", "gripper", "materials")
+"""What the rounds of an evaluation are made again from."""
 
-def facts_of(folder: Path) -> dict[str, Any]:
-    """What the rounds of an evaluation depend on. Raises `InputError` where there is no evaluation."""
+
+def facts_of(folder: Path, needs: Collection[str] = ()) -> dict[str, Any]:
+    """What the rounds of an evaluation depend on, `needs` among it. Raises `InputError` where there is no
+    evaluation."""
     path = folder / "run.json"
-    try:
-        facts: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{folder}: no evaluation ({error.strerror}: run.json)") from error
-    except json.JSONDecodeError as error:
-        raise InputError(f"{path}: not valid JSON ({error})") from error
-    return facts
+    if not path.is_file():
+        raise InputError(f"{folder}: no evaluation (no run.json)")
+    fields = Fields(str(path), read_json(path, "the description of an evaluation"))
+    for key in needs:
+        fields.get(key)
+    for key in WORDS & fields.data.keys():
+        fields.text(key, KINDS if key == "scene" else ())
+    if "seed" in fields.data:
+        fields.whole("seed", 0, 2**63)
+    if "samples" in fields.data:
+        fields.whole("samples", 1, 2**16)
+    return fields.data
 
 
 def played(folder: Path) -> list[Episode]:
     """Its rounds in order, without those that crashed. Raises `InputError` where one is damaged."""
-    episodes = map(read_episode, sorted((folder / "rounds").glob("*.json")))
+    episodes = map(read_episode, sorted((folder / "rounds").glob("[!.]*.json")))
     return [episode for episode in episodes if episode.ending != CRASHED]
 
 
@@ -34,7 +47,7 @@ def library_of(folder: Path, objects: Path | None) -> ObjectLibrary:
     """The objects that it was played with. Raises `InputError` where they came from a folder and none is
     given, or run.json is another command's."""
     sets = facts_of(folder).get("object_sets")
-    if not sets:
+    if not isinstance(sets, list) or not sets or not all(isinstance(name, str) for name in sets):
         raise InputError(f"{folder}: no evaluation (run.json: names no object sets)")
     if "folder" in sets and objects is None:
         raise InputError(f"{folder} was made with a folder of objects: give it as --objects DIR")

@@ -13,6 +13,7 @@ import math
 import zlib
 from collections import Counter, defaultdict
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,9 @@ from typing import Any
 import numpy as np
 
 from neugrasp.baselines.antipodal import antipodal_grasp
+from neugrasp.data.fields import Fields
 from neugrasp.data.records import Record
+from neugrasp.data.strict_json import parse_json
 from neugrasp.detection.ask_head import predict_grasps
 from neugrasp.detection.decode import select_grasps
 from neugrasp.detection.detector import NeuGraspDetector
@@ -28,8 +31,12 @@ from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Validate
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
+from neugrasp.gripper import gripper_hash
+from neugrasp.long_runs import CONTENTS, begun_as, held
 from neugrasp.metrics import CONSTANTS, l1_by_mask, wilson_interval
 from neugrasp.model.checkpoint import find_weights
+from neugrasp.output import naming, write_text
+from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.trials import execute
 from neugrasp.training.samples import plain_sample
@@ -105,29 +112,38 @@ def run_held_out(run: Validate) -> dict[str, Any]:
     Goes on where it stopped: records that have their attempts already are not tried again. Raises
     `InputError` where `run.out` holds attempts of other weights or options.
     """
-    from neugrasp.simulation.objects import ObjectLibrary
-
     records = _read_all(run.data)
     detector = NeuGraspDetector.load(
         run.weights, run.gripper, threshold=run.threshold, hand_check=run.hand_check
     )
     sets = sorted({body.object_set for record in records for body in record.scene.bodies})
     library = ObjectLibrary.open(sets, run.objects)
-    run.out.mkdir(parents=True, exist_ok=True)
     facts = _describe(run, detector.selection.threshold)
+    with held(run.out, "validate"):
+        begun_as(run.out / "run.json", facts, "validation", young=CONTENTS)
+        path = run.out / "attempts.jsonl"
+        _try_missing(run, records, detector, library)
+        summary = {**facts, **_summarise(records, detector, path)}
+        write_text(run.out / "held_out.json", json.dumps(summary, indent=1) + "\n")
+    return summary
+
+
+def _try_missing(
+    run: Validate, records: list[Record], detector: NeuGraspDetector, library: ObjectLibrary
+) -> None:
+    """Appends the attempts of records that have none yet."""
     path = run.out / "attempts.jsonl"
-    missing = [record for record in records if record.name not in _finished(path)]
+    finished = _finished(path)
+    missing = [record for record in records if record.name not in finished]
     with World(Workspace(), library, detector.gripper) as world, path.open("a") as file:
         for index, record in enumerate(missing):
             rng = np.random.default_rng([run.seed, zlib.crc32(record.name.encode())])
             lines = [json.dumps(asdict(attempt)) for attempt in attempts_of(record, detector, world, rng)]
-            file.write("".join(line + "\n" for line in lines))
-            file.flush()
+            with naming(path):
+                file.write("".join(line + "\n" for line in lines))
+                file.flush()
             if (index + 1) % 10 == 0:
                 log.info("%d of %d records", index + 1, len(missing))
-    summary = {**facts, **_summarise(records, detector, path)}
-    (run.out / "held_out.json").write_text(json.dumps(summary, indent=1) + "\n")
-    return summary
 
 
 def _read_all(folders: tuple[Path, ...]) -> list[Record]:
@@ -143,26 +159,17 @@ def _read_all(folders: tuple[Path, ...]) -> list[Record]:
 
 
 def _describe(run: Validate, threshold: float) -> dict[str, Any]:
-    """What the attempts depend on besides the records: written to run.json or compared with it."""
+    """What the attempts depend on besides the records."""
     weights = find_weights(run.weights)
-    facts = {
+    return {
         "weights": weights.stem,
         "weights_sha256": hashlib.sha256(weights.read_bytes()).hexdigest(),
         "gripper": run.gripper,
+        "gripper_sha256": gripper_hash(run.gripper),
         "threshold": threshold,
         "hand_check": run.hand_check,
         "seed": run.seed,
     }
-    path = run.out / "run.json"
-    if not path.is_file():
-        path.write_text(json.dumps(facts, indent=1) + "\n")
-    elif (found := json.loads(path.read_text())) != facts:
-        other = next(key for key in facts if found.get(key) != facts[key])
-        raise InputError(
-            f"{run.out}: holds attempts with {other} = {found.get(other)!r}, not {facts[other]!r}; "
-            "choose another --out"
-        )
-    return facts
 
 
 def _finished(path: Path) -> set[str]:
@@ -170,17 +177,17 @@ def _finished(path: Path) -> set[str]:
     if not path.is_file():
         return set()
     lines = []
-    for line in path.read_text().splitlines():
-        try:
-            lines.append(json.loads(line))
-        except json.JSONDecodeError:
-            continue
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+        with suppress(InputError):
+            fields = Fields(str(path), parse_json(line, str(path)))
+            for word in ("record", "kind", "detector", "reason"):
+                fields.text(word)
+            fields.flag("success")
+            lines.append(fields.data)
     counts = Counter(line["record"] for line in lines)
     done = {name for name, count in counts.items() if count == len(DETECTORS)}
     kept = [json.dumps(line) for line in lines if line["record"] in done]
-    temporary = path.with_suffix(".tmp")
-    temporary.write_text("".join(line + "\n" for line in kept))
-    temporary.replace(path)
+    write_text(path, "".join(line + "\n" for line in kept))
     return done
 
 

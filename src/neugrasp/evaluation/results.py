@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from neugrasp.errors import InputError
 from neugrasp.evaluation.ablation import CONTROL, ablation_table, scenes_table
+from neugrasp.evaluation.metrics_file import read_metrics
 from neugrasp.evaluation.tables import l1_cell, rate_cell
+from neugrasp.output import write_text
 from neugrasp.simulation.renderer import RenderSettings
 
 ABLATION = """## Ablation
@@ -63,7 +63,7 @@ the released views, and for VGN the depth of a stereo sensor."""
 def write_results(folder: Path, out: Path) -> Path:
     """Writes the page; models of the folder's own folder `ablation` are compared in tables of their own.
 
-    Raises `InputError` where there is nothing to write or a file is not ours.
+    Raises `InputError` where there is nothing to write or a file is damaged.
     """
     rows = read_metrics(folder)
     lines = [HEAD.format(folder=folder.as_posix())]
@@ -86,28 +86,8 @@ def write_results(folder: Path, out: Path) -> Path:
         if curve := list(scenes_table(some)):
             lines += [SCENES, *curve, ""]
         lines += [*_origins(some), ""]
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
+    write_text(out, "\n".join(lines).rstrip() + "\n")
     return out
-
-
-def read_metrics(folder: Path) -> dict[str, dict[str, Any]]:
-    """All metrics in a folder by name, sorted: NAME.json and NAME/metrics.json."""
-    files = {path.stem: path for path in folder.glob("*.json")}
-    files |= {path.parent.name: path for path in folder.glob("*/metrics.json")}
-    if not files:
-        raise InputError(f"{folder}: holds neither NAME.json nor NAME/metrics.json")
-    rows = {}
-    for name, path in sorted(files.items()):
-        try:
-            data = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, json.JSONDecodeError) as error:
-            raise InputError(f"{path}: cannot be read as JSON ({error})") from error
-        if not isinstance(data, dict) or data.get("format") != "neugrasp-metrics":
-            raise InputError(f"{path}: not the metrics.json of `neugrasp evaluate`")
-        rows[name] = data
-    order = ("scene", "materials", "detector", "views", "strategy")
-    return dict(sorted(rows.items(), key=lambda item: [str(item[1][key]) for key in order]))
 
 
 def _table(rows: dict[str, dict[str, Any]]) -> Iterator[str]:
@@ -161,8 +141,10 @@ def _paper(row: dict[str, Any]) -> str:
 
 def _failures(rows: dict[str, dict[str, Any]]) -> Iterator[str]:
     """Why attempts failed, how rounds ended, and what they cost."""
-    reasons = list(next(iter(rows.values()))["failures"])
-    endings = list(next(iter(rows.values()))["endings"])
+    reasons, endings = (
+        list(dict.fromkeys(word for row in rows.values() for word in row[table]))
+        for table in ("failures", "endings")
+    )
     heads = [
         "row",
         *(f"failed: {reason}" for reason in reasons),
@@ -174,7 +156,7 @@ def _failures(rows: dict[str, dict[str, Any]]) -> Iterator[str]:
     yield "|" + "---|" * len(heads)
     for name, row in rows.items():
         stages = ", ".join(f"{stage} {seconds:.1f}" for stage, seconds in row["seconds_by_stage"].items())
-        counts = [row["failures"][r] for r in reasons] + [row["endings"][e] for e in endings]
+        counts = [row["failures"].get(r, 0) for r in reasons] + [row["endings"].get(e, 0) for e in endings]
         cells = [name, *map(str, counts), f"{row['seconds_per_round']:.1f}", stages]
         yield "| " + " | ".join(cells) + " |"
 

@@ -13,22 +13,22 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.contestants import weights_facts
 from neugrasp.evaluation.episode import CRASHED, Episode, attempt_line, read_episode, write_episode
+from neugrasp.evaluation.metrics_file import FORMAT, VERSION
 from neugrasp.evaluation.protocols import protocol_of, strategy_of
 from neugrasp.evaluation.rounds import num_rounds
 from neugrasp.evaluation.scores import scores
 from neugrasp.evaluation.workers import MakePhotographer, play_all
 from neugrasp.geometry.view_sets import VIEW_SETS
-from neugrasp.gripper import Gripper
-from neugrasp.long_runs import begun_as, held, source_commit
+from neugrasp.gripper import Gripper, gripper_hash
+from neugrasp.long_runs import CONTENTS, begun_as, held, source_commit
 from neugrasp.metrics import wilson_interval
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.renderer import Renderer, RenderSettings
-
-FORMAT, VERSION = "neugrasp-metrics", 1
 
 log = logging.getLogger(__name__)
 
@@ -41,7 +41,7 @@ def evaluate(config: Evaluate, make_photographer: MakePhotographer | None = None
     """
     facts, wanted = _checked(config)
     with held(config.out, "evaluate"):
-        begun_as(config.out / "run.json", facts, "evaluation")
+        begun_as(config.out / "run.json", facts, "evaluation", young=CONTENTS)
         files = [_file(config.out, index) for index in range(wanted)]
         found = [read_episode(path) for path in files if path.is_file()]
         kept = {episode.index for episode in found if episode.ending != CRASHED}
@@ -86,7 +86,6 @@ def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
     RenderSettings(samples=config.samples)  # refuses what is no power of two
     library = ObjectLibrary.open(config.object_sets, config.objects)
     choices = library.choices(config.split, config.scene)
-    names = json.dumps(choices)
     facts = {
         "detector": config.detector,
         "scene": config.scene,
@@ -97,10 +96,12 @@ def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
         "depth": config.depth if config.detector == "vgn" else None,
         **({"samples": config.samples} if config.detector == "neugrasp" else {}),
         "gripper": Gripper.load(config.gripper).name,
+        "gripper_sha256": gripper_hash(config.gripper),
         "seed": config.seed,
         "split": config.split,
         "object_sets": list(config.object_sets),
-        "objects_sha256": hashlib.sha256(names.encode()).hexdigest(),
+        "objects_sha256": hashlib.sha256(json.dumps(choices).encode()).hexdigest(),
+        "objects_content_sha256": library.content_hash(choices),
         **weights_facts(config),
     }
     return facts, num_rounds(config.scene, choices, config.rounds)
@@ -152,11 +153,7 @@ def _write(config: Evaluate, facts: dict[str, Any], episodes: list[Episode]) -> 
         "commit": source_commit(),
         "machine": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
     }
-    for name, text in (
-        ("attempts.jsonl", "".join(lines)),
-        ("metrics.json", json.dumps(metrics, indent=1) + "\n"),
-    ):
-        temporary = config.out / f".{name}.tmp"
-        temporary.write_text(text, encoding="utf-8")
-        temporary.replace(config.out / name)
+    with whole_or_nothing(config.out, ("metrics.json", "attempts.jsonl")) as part:
+        (part / "attempts.jsonl").write_text("".join(lines), encoding="utf-8")
+        (part / "metrics.json").write_text(json.dumps(metrics, indent=1) + "\n", encoding="utf-8")
     return metrics

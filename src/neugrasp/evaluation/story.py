@@ -13,15 +13,17 @@ from typing import Any
 import numpy as np
 from PIL import Image as Picture
 
+from neugrasp.errors import InputError
 from neugrasp.evaluation.cells import background_folder
 from neugrasp.evaluation.commands import Story
 from neugrasp.evaluation.episode import Attempt, Episode, read_episode
-from neugrasp.evaluation.folder import facts_of, library_of, scene_of
+from neugrasp.evaluation.folder import NEEDED, facts_of, library_of, scene_of
 from neugrasp.evaluation.rounds import Round, Rounds
 from neugrasp.geometry.pose import from_quaternion
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
+from neugrasp.output import whole_file
 from neugrasp.pictures.overlay import draw_grasps, photo_of_workspace
 from neugrasp.robot.pick import SUCCESS
 from neugrasp.simulation.cell_photos import Photographer, backgrounds
@@ -47,12 +49,15 @@ def write_story(story: Story, photographer: Photographer | None = None) -> Path:
 
     Raises `InputError` where the evaluation, the round or its objects cannot be found.
     """
-    facts = facts_of(story.evaluation)
+    facts = facts_of(story.evaluation, needs=(*NEEDED, "detector", "strategy", "protocol"))
     episode = read_episode(story.evaluation / "rounds" / f"{story.round:06d}.json")
     out = story.out or story.evaluation / "stories" / f"{story.round:06d}.html"
     library = library_of(story.evaluation, story.objects)
     wants_photos = story.photos == "yes" or (story.photos == "auto" and facts["detector"] == "neugrasp")
+    if out.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"--out {out}: a story is HTML; give a name that ends with .html")
     with ExitStack() as closing:
+        part = closing.enter_context(whole_file(out))
         if wants_photos and photographer is None:
             photographer = closing.enter_context(Renderer(settings=_settings(facts)))
         stage = _Stage(facts, library, photographer if wants_photos else None)
@@ -60,8 +65,7 @@ def write_story(story: Story, photographer: Photographer | None = None) -> Path:
         fixed = stage.fixed(episode.index)
         pictures = [stage.pictures(fixed, a.before, _grasp(a)) for a in episode.attempts]
         left = stage.pictures(fixed, episode.left, None)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text("\n".join(_page(facts, episode, pictures, left)), encoding="utf-8")
+        part.write_text("\n".join(_page(facts, episode, pictures, left)), encoding="utf-8")
     return out
 
 
@@ -87,7 +91,7 @@ class _Stage:
 
     def pictures(self, fixed: Round, lying: dict[str, Any] | None, grasp: Grasp | None) -> list[Image]:
         """What lay on the table at a moment, from every view, with the chosen grasp; none where none lay."""
-        if lying is None or not lying["bodies"]:
+        if lying is None or not lying.get("bodies"):
             return []
         scene = scene_of(lying)
         self.world.reset(scene)

@@ -14,7 +14,7 @@ class Export:
     """Grasps in the convention of another program (drawn in docs/conventions.md), in the world's frame."""
 
     grasps: Path
-    """A grasps.json of `neugrasp predict`."""
+    """A grasps.json of `neugrasp predict`, or the folder that holds it."""
     format: Literal["graspnet", "vgn", "ros"] = "ros"
     """graspnet: graspnetAPI's and AnyGrasp's rows of 17 numbers, .npy. vgn: VGN's and GIGA's, .csv.
     ros: PoseStamped dictionaries for MoveIt, .json."""
@@ -25,11 +25,13 @@ class Export:
     that GRASPS names."""
     frame_id: str | None = None
     """For ros: the name of your world in the tree of transforms; by default world."""
-    link: Literal["tcp", "hand"] | None = None
-    """For ros: what the poses are of, the TCP between the pads (by default) or the hand's flange."""
+    link: Literal["tcp", "hand", "panda_link8"] | None = None
+    """For ros: what the poses are of, the TCP between the pads (by default), the hand's flange, or the last
+    link of the Panda's arm, which MoveIt moves."""
 
     def run(self) -> str:
         """How many grasps were written."""
+        from neugrasp.export import FILES
         from neugrasp.exporters.exporting import SUFFIXES, export_file
         from neugrasp.exporters.ros import Stamp
 
@@ -37,6 +39,7 @@ class Export:
             if value is not None and self.format != "ros":
                 raise InputError(f"{option} is for --format ros; {self.format} files hold no such name")
         stamp = Stamp(self.frame_id or "world", self.link or "tcp")
-        out = self.out or self.grasps.with_name(f"{self.grasps.stem}_{self.format}{SUFFIXES[self.format][0]}")
-        count = export_file(self.grasps, out, self.format, self.gripper, stamp)
+        grasps = self.grasps / FILES[0] if self.grasps.is_dir() else self.grasps
+        out = self.out or grasps.with_name(f"{grasps.stem}_{self.format}{SUFFIXES[self.format][0]}")
+        count = export_file(grasps, out, self.format, self.gripper, stamp)
         return f"{count} grasps in {out}"

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import json
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.errors import InputError
-from neugrasp.export import read_grasps
+from neugrasp.export import read_grasp_list
 from neugrasp.exporters import graspnet, ros, vgn
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper, bundled
+from neugrasp.output import whole_file
+
+log = logging.getLogger(__name__)
 
 Format = Literal["graspnet", "vgn", "ros"]
 SUFFIXES: dict[Format, tuple[str, ...]] = {
@@ -29,23 +31,33 @@ def export_file(grasps: Path, out: Path, name: Format, gripper: str | None, stam
     """
     if out.suffix.lower() not in SUFFIXES[name]:
         raise InputError(f"{out}: {name} grasps are written as {' or '.join(SUFFIXES[name])}")
-    if out.is_dir():
-        raise InputError(f"{out}: is a folder; name a file")
-    read = read_grasps(grasps)
-    hand = Gripper.load(gripper or _predicted_for(grasps))
-    with whole_or_nothing(out.parent) as part:
-        export_grasps(part / out.name, read, name, hand, stamp)
-    return len(read)
+    found = read_grasp_list(grasps)
+    hand = _hand(grasps, found.gripper, gripper)
+    with whole_file(out, inputs=[grasps, *([] if gripper is None else [Path(gripper)])]) as part:
+        export_grasps(part, found.grasps, name, hand, stamp)
+    return len(found.grasps)
 
 
-def _predicted_for(grasps: Path) -> str:
-    """The name of the gripper in a grasps.json. Raises `InputError` where it has none, or an unknown one."""
-    name = json.loads(grasps.read_text(encoding="utf-8")).get("gripper")
-    if name not in bundled():
-        what = "names no gripper" if name is None else f"is for the gripper {name!r}, which is not bundled"
+def _hand(grasps: Path, found_for: str | None, given: str | None) -> Gripper:
+    """The gripper of a grasps.json: as given, else the one that it names. Raises `InputError` where it names
+    none that is known; says so where another one is given."""
+    if given is not None:
+        hand = Gripper.load(given)
+        if found_for not in (None, hand.name):
+            log.warning(
+                "%s: its grasps were found for the gripper %r, not for %r: the TCP of either is put in "
+                "the same place, but whether the other hand fits there was not looked at",
+                grasps,
+                found_for,
+                hand.name,
+            )
+        return hand
+    if found_for not in bundled():
+        unknown = f"is for the gripper {found_for!r}, which is not bundled"
+        what = "names no gripper" if found_for is None else unknown
         choice = " or ".join(bundled())
         raise InputError(f"{grasps}: {what}; name the gripper's file, or {choice}, with --gripper")
-    return str(name)
+    return Gripper.load(str(found_for))
 
 
 def export_grasps(

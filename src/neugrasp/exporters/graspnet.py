@@ -12,7 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from neugrasp.data.npz import DAMAGE, reason_of
 from neugrasp.errors import InputError
+from neugrasp.export import FARTHEST
 from neugrasp.geometry.pose import Array, rigid
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
@@ -62,10 +64,15 @@ def read(file: Path, gripper: Gripper) -> list[Grasp]:
     """The grasps of an .npy file. Raises `InputError` where it holds anything else."""
     try:
         rows = np.load(file, allow_pickle=False)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{file}: no .npy file of numbers ({error})") from error
+    except DAMAGE as error:
+        raise InputError(f"{file}: no .npy file of numbers ({reason_of(error)})") from error
     if not isinstance(rows, np.ndarray) or rows.ndim != 2 or rows.shape[1] != COLUMNS:
         raise InputError(f"{file}: holds no rows of {COLUMNS} numbers")
+    if rows.dtype.kind != "f" or not np.all(np.abs(rows) <= FARTHEST):
+        raise InputError(f"{file}: holds something else than finite floating numbers")
+    rotations = rows[:, 4:13].reshape(-1, 3, 3)
+    if not np.allclose(rotations @ rotations.transpose(0, 2, 1), np.eye(3), atol=1e-3):
+        raise InputError(f"{file}: columns 5 to 13 are no rotations")
     return decode(rows.astype(np.float64), gripper)
 
 

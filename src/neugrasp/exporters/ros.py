@@ -1,8 +1,8 @@
 """Grasps as ROS and MoveIt have them: dictionaries of the shape of geometry_msgs/PoseStamped.
 
-The pose is that of a link of the gripper: of the TCP (for the Panda `panda_hand_tcp`), or of the hand's
-flange (`panda_hand`, the usual end effector link). Both have z along the approach and y along the closing
-fingers.
+The pose is that of a link: of the TCP (for the Panda `panda_hand_tcp`), of the hand's flange (`panda_hand`),
+or of the Panda's last link (`panda_link8`, the usual tip of its MoveIt group). All have z along the approach;
+the first two have y along the closing fingers, the last is turned by 45 degrees about z.
 """
 
 from __future__ import annotations
@@ -11,16 +11,21 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast, get_args
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from neugrasp.data.fields import Fields
+from neugrasp.data.strict_json import read_json
 from neugrasp.errors import InputError
-from neugrasp.export import naming_the_list
-from neugrasp.geometry.pose import Array, from_quaternion, to_quaternion
+from neugrasp.export import FARTHEST, HIGHEST, width_of
+from neugrasp.geometry.pose import Array, from_quaternion, inverse, rigid, to_quaternion
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
 
 FORMAT, VERSION = "neugrasp-ros-grasps", 1
-Link = Literal["tcp", "hand"]
+Link = Literal["tcp", "hand", "panda_link8"]
 
 
 @dataclass(frozen=True)
@@ -40,18 +45,29 @@ def pose_stamped(pose: Array, frame_id: str) -> dict[str, Any]:
 
 
 def pose_of(message: dict[str, Any]) -> Array:
-    """The 4x4 pose in the fields of a geometry_msgs/PoseStamped."""
-    pose = message["pose"]
-    quaternion = [float(pose["orientation"][axis]) for axis in "xyzw"]
-    return from_quaternion(quaternion, [float(pose["position"][axis]) for axis in "xyz"])
+    """The 4x4 pose in the fields of a geometry_msgs/PoseStamped. Raises `InputError`."""
+    return _pose_of(Fields("a PoseStamped", message))
+
+
+def _pose_of(message: Fields) -> Array:
+    position, orientation = (message.inside("pose").inside(key) for key in ("position", "orientation"))
+    quaternion = [orientation.number(axis, -1.01, 1.01) for axis in "xyzw"]
+    norm = float(np.linalg.norm(quaternion))
+    if not abs(norm - 1) <= 0.01:
+        raise message.refuse("pose.orientation", f"has length {norm:.3g}; it must be 1")
+    return from_quaternion(quaternion, [position.number(axis, -FARTHEST, FARTHEST, "m") for axis in "xyz"])
 
 
 def encode(grasps: Sequence[Grasp], gripper: Gripper, stamp: Stamp) -> list[dict[str, Any]]:
-    """One dictionary for each grasp: id, grasp_pose and grasp_quality as in moveit_msgs/Grasp, and width."""
+    """One dictionary for each grasp: id, grasp_pose and grasp_quality as in moveit_msgs/Grasp, and width.
+
+    Raises `InputError` where the gripper has no such link.
+    """
+    tcp_from_link = inverse(link_from_tcp(gripper, stamp.link))
     return [
         {
             "id": f"grasp_{i}",
-            "grasp_pose": pose_stamped(grasp.advanced(-_tcp(gripper, stamp.link)).pose, stamp.frame_id),
+            "grasp_pose": pose_stamped(grasp.pose @ tcp_from_link, stamp.frame_id),
             "grasp_quality": float(grasp.score),
             "width": float(grasp.width),
         }
@@ -60,11 +76,19 @@ def encode(grasps: Sequence[Grasp], gripper: Gripper, stamp: Stamp) -> list[dict
 
 
 def decode(messages: Sequence[dict[str, Any]], gripper: Gripper, stamp: Stamp) -> list[Grasp]:
-    """The grasps of dictionaries made by `encode`."""
+    """The grasps of dictionaries made by `encode`. Raises `InputError` where they are something else."""
+    fields = [Fields("grasps", message, f"grasps[{i}].") for i, message in enumerate(messages)]
+    return _grasps(fields, gripper, stamp.link)
+
+
+def _grasps(messages: Sequence[Fields], gripper: Gripper, link: Link) -> list[Grasp]:
+    shift = link_from_tcp(gripper, link)
     return [
         Grasp(
-            pose_of(message["grasp_pose"]), float(message["width"]), float(message["grasp_quality"])
-        ).advanced(_tcp(gripper, stamp.link))
+            _pose_of(message.inside("grasp_pose")) @ shift,
+            width_of(message),
+            message.number("grasp_quality", 0, HIGHEST),
+        )
         for message in messages
     ]
 
@@ -82,13 +106,20 @@ def write(file: Path, grasps: Sequence[Grasp], gripper: Gripper, stamp: Stamp) -
 
 def read(file: Path, gripper: Gripper) -> list[Grasp]:
     """The grasps of a file made by `write`. Raises `InputError` naming the file."""
-    with naming_the_list(file):
-        data = json.loads(file.read_text(encoding="utf-8"))
-        if data["format"] != FORMAT or data["version"] != VERSION or data["link"] not in ("tcp", "hand"):
-            raise InputError(f"{file}: not a {FORMAT} file of version {VERSION}")
-        return decode(data["grasps"], gripper, Stamp(link=data["link"]))
+    fields = Fields(str(file), read_json(file, "a list of grasps for ROS"))
+    fields.expect(FORMAT, VERSION)
+    link = cast(Link, fields.text("link", get_args(Link)))
+    return _grasps(fields.each("grasps"), gripper, link)
 
 
-def _tcp(gripper: Gripper, link: Link) -> float:
-    """Metres from the link's origin to the TCP."""
-    return gripper.tcp_height if link == "hand" else 0.0
+def link_from_tcp(gripper: Gripper, link: Link) -> Array:
+    """The TCP (4x4, metres) in a link's frame. Raises `InputError` where the gripper has no such link."""
+    if link == "tcp":
+        return np.eye(4)
+    link_from_hand = np.eye(4)
+    if link == "panda_link8":
+        if gripper.name != "panda":
+            raise InputError(f"--link panda_link8: is of the Panda; for {gripper.name} give hand or tcp")
+        # franka_description's joint panda_hand_joint.
+        link_from_hand[:3, :3] = Rotation.from_euler("z", -45, degrees=True).as_matrix()
+    return link_from_hand @ rigid(translation=(0.0, 0.0, gripper.tcp_height))

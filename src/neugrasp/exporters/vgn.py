@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from neugrasp.errors import InputError
+from neugrasp.export import FARTHEST
 from neugrasp.geometry.pose import Array, from_quaternion, to_quaternion
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
@@ -56,4 +57,9 @@ def read(file: Path, gripper: Gripper) -> list[Grasp]:
         raise InputError(f"{file}: missing") from None
     except (KeyError, TypeError, ValueError, csv.Error) as error:
         raise InputError(f"{file}: needs the columns {','.join(COLUMNS)}, all numbers ({error!r})") from error
-    return decode(rows.reshape(-1, len(COLUMNS)), gripper)
+    rows = rows.reshape(-1, len(COLUMNS))
+    if not np.all(np.abs(rows) <= FARTHEST):
+        raise InputError(f"{file}: holds something else than finite numbers")
+    if not np.allclose(np.linalg.norm(rows[:, :4], axis=1), 1, atol=0.01):
+        raise InputError(f"{file}: holds a quaternion that has not the length 1")
+    return decode(rows, gripper)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from neugrasp.errors import InputError
+from neugrasp.output import photos_in, whole_file
 
 if TYPE_CHECKING:
     from neugrasp.views import Image
@@ -50,9 +51,8 @@ class Figure:
         out = self.out or Path("outputs/figures") / f"{self.which}.png"
         if out.suffix.lower() != ".png":
             raise InputError(f"--out {out}: figures are PNG files; give a name that ends with .png")
-        picture = self._draw()
-        out.parent.mkdir(parents=True, exist_ok=True)
-        write_picture(out, picture)
+        with whole_file(out, inputs=photos_in(Path(self.scene))) as part:
+            write_picture(part, self._draw())
         return str(out)
 
     def _draw(self) -> Image:

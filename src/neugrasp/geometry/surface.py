@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, apply
 from neugrasp.geometry.workspace import Workspace
 
@@ -34,7 +35,7 @@ def surface_of(tsdf: ArrayLike, workspace: Workspace) -> Surface:
 
     grid = np.asarray(tsdf, dtype=np.float32)
     if not np.all(np.isfinite(grid)):
-        raise ValueError("the grid contains NaN or infinity")
+        raise InputError("the grid of distances contains NaN or infinity; the weights are damaged")
     if grid.min() >= 0 or grid.max() <= 0:
         return Surface(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32))
     index, faces, _, _ = marching_cubes(grid, level=0.0, gradient_direction="descent")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import asdict, dataclass, fields
 from importlib import resources
 from pathlib import Path
@@ -14,12 +13,18 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from neugrasp.errors import InputError
+from neugrasp.data.fields import Fields
+from neugrasp.data.strict_json import parse_json
+from neugrasp.errors import InputError, WriteError
 from neugrasp.model.config import ModelConfig
 from neugrasp.model.network import NeuGrasp
+from neugrasp.output import whole_file
 
 FORMAT = "neugrasp-weights"
 VERSION = 1
+LARGEST, DEEPEST = 4096, 64
+"""Of any size in a configuration, and of blocks one behind the other."""
+FLOATS = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
 
 
 @dataclass(frozen=True)
@@ -50,13 +55,11 @@ def save_checkpoint(path: Path, model: NeuGrasp, about: dict[str, Any], half: bo
         "config": json.dumps(asdict(model.config)),
         "about": json.dumps(about),
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        save_file(tensors, temporary, metadata)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with whole_file(path) as part:
+        try:
+            save_file(tensors, part, metadata)
+        except SafetensorError as error:
+            raise WriteError(f"{path}: cannot be written ({error})") from error
 
 
 def shipped_weights() -> dict[str, Path]:
@@ -86,37 +89,96 @@ def load_checkpoint(name_or_path: str | Path) -> Checkpoint:
         with safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError) as error:
+    except (
+        SafetensorError,
+        OSError,
+        RuntimeError,
+        ValueError,
+        TypeError,
+        LookupError,
+        AttributeError,
+    ) as error:
         raise InputError(f"{path}: not a readable safetensors file ({error})") from error
     if metadata.get("format") != FORMAT:
-        raise InputError(f"{path}: not NeuGrasp weights (format {metadata.get('format')!r}, not {FORMAT!r})")
-    if int(metadata.get("version", "0")) > VERSION:
-        raise InputError(
-            f"{path}: format version {metadata['version']} is newer than this program reads ({VERSION}); "
-            f"update neugrasp"
-        )
-    config = _config_from(json.loads(metadata["config"]), path)
+        found = f"{metadata.get('format')!r}"[:40]
+        raise InputError(f"{path}: not NeuGrasp weights (format {found}, not {FORMAT!r})")
+    _check_version(path, metadata.get("version", ""))
+    config = _config_from(_described(path, metadata, "config"))
     _check_tensors(path, config, tensors)
-    return Checkpoint(config, tensors, json.loads(metadata.get("about", "{}")))
+    about = _described(path, metadata, "about") if "about" in metadata else Fields(str(path), {}, "about.")
+    return Checkpoint(config, tensors, _checked_about(about))
 
 
-def _config_from(data: dict[str, Any], path: Path) -> ModelConfig:
-    known = {field.name for field in fields(ModelConfig)}
-    if unknown := set(data) - known:
-        raise InputError(f"{path}: its configuration has unknown entries {sorted(unknown)}; update neugrasp")
-    entries: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in data.items()}
-    return ModelConfig(**entries)
+def _check_version(path: Path, version: str) -> None:
+    if version.isascii() and version.isdigit() and len(version) < 10 and int(version) > VERSION:
+        raise InputError(
+            f"{path}: format version {version} is newer than this program reads ({VERSION}); update neugrasp"
+        )
+    if version != str(VERSION):
+        raise InputError(f"{path}: format version {version[:20]!r}; this program reads {VERSION}")
+
+
+def _described(path: Path, metadata: dict[str, str], entry: str) -> Fields:
+    """The JSON object in the metadata."""
+    if entry not in metadata:
+        raise InputError(f"{path}: not NeuGrasp weights (no {entry} in its metadata)")
+    where = f"{path}: {entry}"
+    return Fields(str(path), Fields(where, parse_json(metadata[entry], where)).data, f"{entry}.")
+
+
+def _config_from(described: Fields) -> ModelConfig:
+    known = {field.name: field.default for field in fields(ModelConfig)}
+    if unknown := set(described.data) - known.keys():
+        names = sorted(unknown)[:3]
+        raise InputError(
+            f"{described.source}: its configuration has unknown entries {names}; update neugrasp"
+        )
+    entries = {name: _entry(described, name, known[name]) for name in described.data}
+    config = ModelConfig(**entries)
+    if config.image_size % 16:
+        raise described.refuse("image_size", f"is {config.image_size}; it must be a multiple of 16")
+    return config
+
+
+def _entry(described: Fields, name: str, default: Any) -> Any:
+    """An entry of the configuration, of the type and length of its default."""
+    if isinstance(default, bool):
+        return described.flag(name)
+    if isinstance(default, tuple):
+        row = described.list(name)
+        if len(row) != len(default):
+            raise described.refuse(name, f"has {len(row)} numbers; it must have {len(default)}")
+        numbered = Fields(described.source, {f"{i}": x for i, x in enumerate(row)}, f"config.{name}.")
+        most = DEEPEST if name == "encoder_blocks" else LARGEST
+        return tuple(numbered.whole(f"{i}", 1, most) for i in range(len(row)))
+    return described.whole(name, 1, LARGEST)
+
+
+def _checked_about(about: Fields) -> dict[str, Any]:
+    """The notes, of which those that the program heeds have their type."""
+    if "threshold" in about.data:
+        about.number("threshold", 0, 1)
+    if "recipe" in about.data:
+        about.text("recipe")
+    for count in {"steps", "scenes"} & about.data.keys():
+        about.whole(count, 0, 10**12)
+    return about.data
 
 
 def _check_tensors(path: Path, config: ModelConfig, tensors: dict[str, Tensor]) -> None:
-    with torch.device("meta"):
-        expected = NeuGrasp(config).state_dict()
+    try:
+        with torch.device("meta"):
+            expected = NeuGrasp(config).state_dict()
+    except (ValueError, RuntimeError, TypeError, ArithmeticError, AssertionError) as error:
+        raise InputError(f"{path}: its configuration describes no network ({error})") from error
     if missing := set(expected) ^ set(tensors):
         raise InputError(f"{path}: tensors do not fit its configuration: {sorted(missing)[:3]} ...")
     for name, tensor in tensors.items():
+        if tensor.dtype not in FLOATS:
+            raise InputError(f"{path}: tensor {name} is of type {tensor.dtype}; weights are floating numbers")
         if tensor.shape != expected[name].shape:
             raise InputError(
                 f"{path}: tensor {name} has shape {tuple(tensor.shape)}, not {tuple(expected[name].shape)}"
             )
-        if not torch.isfinite(tensor).all():
+        if not torch.isfinite(tensor.float()).all():
             raise InputError(f"{path}: tensor {name} holds NaN or infinite values; the file is damaged")

@@ -86,15 +86,15 @@ def write_data_sheet(folders: Sequence[Path], out: Path) -> Path:
     """
     counts: dict[str, Counts] = {}
     tiles: list[Tile] = []
-    for folder in folders:
-        mine = counts.setdefault(_name(folder, counts), Counts())
-        shown = 0
-        for record in read_records(folder):
-            mine.add(record)
-            if record.has_photos and shown < NUM_SCENES:
-                tiles += _pictures(record)
-                shown += 1
-    with whole_or_nothing(out) as temporary:
+    with whole_or_nothing(out, (TEXT, BALANCE, SCENES)) as temporary:
+        for folder in folders:
+            mine = counts.setdefault(_name(folder, counts), Counts())
+            shown = 0
+            for record in read_records(folder):
+                mine.add(record)
+                if record.has_photos and shown < NUM_SCENES:
+                    tiles += _pictures(record)
+                    shown += 1
         (temporary / TEXT).write_text("\n".join(sheet(counts, bool(tiles))) + "\n", encoding="utf-8")
         write_picture(temporary / BALANCE, _charts(counts))
         if tiles:

@@ -14,7 +14,7 @@ from neugrasp.doctor.capture import Capture
 from neugrasp.doctor.examination import Diagnosis, examine
 from neugrasp.doctor.findings import Level
 from neugrasp.errors import InputError
-from neugrasp.export import write_prediction
+from neugrasp.export import FILES, write_prediction
 from neugrasp.report.prediction import prediction_report
 
 logger = logging.getLogger(__name__)
@@ -48,20 +48,19 @@ def predict(run: PredictRun) -> str:
 
     Raises `InputError` where the doctor finds the capture unusable, with what to do.
     """
-    views = read_scene(run.scene)
-    diagnosis = examine(Capture.of(views))
-    _check(run, diagnosis)
-    detector = NeuGraspDetector.load(
-        run.weights, run.gripper, threshold=run.threshold, hand_check=run.hand_check
-    )
-    detection = detector.detect(views)
-    names = ["grasps.json", "surface.ply", "tsdf.npz", "overlay.png"]
-    with whole_or_nothing(run.out) as part:
+    with whole_or_nothing(run.out, FILES) as part:
+        views = read_scene(run.scene)
+        diagnosis = examine(Capture.of(views))
+        _check(run, diagnosis)
+        detector = NeuGraspDetector.load(
+            run.weights, run.gripper, threshold=run.threshold, hand_check=run.hand_check
+        )
+        detection = detector.detect(views)
         write_prediction(part, views, detection, detector.gripper)
         if run.with_report:
             document = prediction_report(run.scene.name, views, detection, detector.gripper, diagnosis)
             (part / "report.html").write_text(document, encoding="utf-8")
-            names.append("report.html")
+        names = [name for name in FILES if (part / name).is_file()]
     if detection.grasps:
         first = f"{len(detection.grasps)} grasps, the best with score {detection.grasps[0].score:.2f}"
     else:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import logging
@@ -23,8 +22,9 @@ from pathlib import Path
 
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.geometry.view_sets import VIEW_SETS
-from neugrasp.gripper import Gripper
-from neugrasp.long_runs import begun_as, end_with, held
+from neugrasp.gripper import Gripper, gripper_hash
+from neugrasp.long_runs import CONTENTS, begun_as, end_with, held, lock, unlock
+from neugrasp.output import write_text
 from neugrasp.simulation.cell_photos import Photographer
 from neugrasp.simulation.objects import KINDS, SPLITS, ObjectLibrary
 from neugrasp.simulation.renderer import Renderer, RenderSettings
@@ -97,17 +97,19 @@ def _checked(config: GenerateConfig) -> ObjectLibrary:
 
 def _describe(config: GenerateConfig, library: ObjectLibrary) -> None:
     """Writes dataset.json, or checks that the one that is there says the same."""
-    names = json.dumps(library.choices(config.split, config.scene))
+    choices = library.choices(config.split, config.scene)
     description = {
         "format": "neugrasp-dataset",
         "version": 1,
         "scene": config.scene,
         "object_sets": list(config.sets),
-        "objects_sha256": hashlib.sha256(names.encode()).hexdigest(),
+        "objects_sha256": hashlib.sha256(json.dumps(choices).encode()).hexdigest(),
+        "objects_content_sha256": library.content_hash(choices),
         "materials": config.materials,
         "views": config.views,
         "split": config.split,
         "gripper": config.gripper,
+        "gripper_sha256": gripper_hash(config.gripper),
         "grasp_points": config.grasp_points,
         "scenes_per_cell": config.scenes_per_cell,
         "image_size": config.image_size,
@@ -116,15 +118,15 @@ def _describe(config: GenerateConfig, library: ObjectLibrary) -> None:
         **({} if config.photos else {"photos": False}),
         **({} if config.targets == TARGETS_PER_SCENE else {"targets": config.targets}),
     }
-    begun_as(config.out / "dataset.json", description, "data set")
+    begun_as(config.out / "dataset.json", description, "data set", young=CONTENTS)
 
 
 @contextmanager
 def _only_one(out: Path) -> Iterator[None]:
     """Holds `out` for this process. Waits for workers that outlive a killed run by a moment."""
     with held(out, "generate"), (out / ".lock-workers").open("w") as workers:
-        fcntl.flock(workers, fcntl.LOCK_EX)
-        fcntl.flock(workers, fcntl.LOCK_UN)
+        lock(workers, waits=True)
+        unlock(workers)
         yield
 
 
@@ -153,7 +155,7 @@ class _Progress:
         per_scene = {stage: round(spent / self.made, 3) for stage, spent in self.seconds.items()}
         rate = round(3600 * self.made / wall, 1)
         data = {"scenes": self.made, "wall_s": round(wall, 1), "scenes_per_hour": rate}
-        path.write_text(json.dumps({**data, "seconds_per_scene": per_scene}, indent=1) + "\n")
+        write_text(path, json.dumps({**data, "seconds_per_scene": per_scene}, indent=1) + "\n")
 
 
 def _make_all(
@@ -235,8 +237,8 @@ def _start_worker(
     parent: int,
 ) -> None:
     worker = _Worker(config, make_photographer, threads, finished)
-    lock = worker.closing.enter_context((config.out / ".lock-workers").open("w"))
-    fcntl.flock(lock, fcntl.LOCK_SH)
+    file = worker.closing.enter_context((config.out / ".lock-workers").open("w"))
+    lock(file, shared=True, waits=True)
     end_with(parent)
     Finalize(None, worker.closing.close, exitpriority=10)
     _worker.append(worker)

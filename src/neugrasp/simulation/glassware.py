@@ -11,7 +11,7 @@ from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array
 from neugrasp.simulation import revolution
 from neugrasp.simulation.meshes import Mesh, write_obj
-from neugrasp.simulation.objects import ObjectModel, cache_folder, triple
+from neugrasp.simulation.object_model import ObjectModel, cache_folder, triple
 from neugrasp.simulation.revolution import Vessel
 
 GLASS_DENSITY = 2500.0
@@ -64,6 +64,10 @@ class GlasswareSet:
             write_obj(collision, tuple(part.transformed(1.0, -middle) for part in solid.convex))
         mass = float(np.clip(volume * solid.density, *_MASS_LIMITS))
         return ObjectModel(name, visual, (collision,), mass, centre_of_mass=triple(centre - middle))
+
+    def content(self, name: str) -> bytes:
+        """Nothing: the name says it all."""
+        return b""
 
 
 def make(name: str) -> Solid:

@@ -1,19 +1,26 @@
-"""Triangle meshes as arrays: reading and writing OBJ, volume, and whether a surface is closed."""
+"""Triangle meshes as arrays: reading OBJ and STL, writing OBJ, volume, and whether a surface is closed."""
 
 from __future__ import annotations
 
+import stat
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from uuid import uuid4
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp.errors import InputError
-from neugrasp.geometry.pose import Array
+from neugrasp.geometry.pose import Array, apply
+from neugrasp.output import write_text
 
 Faces = NDArray[np.int64]
+LARGEST = 100_000_000
+"""Bytes that a mesh may have."""
+FARTHEST = 1e9
+"""Of a coordinate, whatever its unit."""
+STL_HEADER = 84
+STL_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 @dataclass(frozen=True)
@@ -49,44 +56,126 @@ class Mesh:
 
     def is_closed(self) -> bool:
         """Whether every edge belongs to an even number of faces, seams of equal vertices welded."""
+        first, second = self._welded_edges()
+        low, high = np.minimum(first, second), np.maximum(first, second)
+        _, counts = np.unique(low * (int(high.max(initial=0)) + 1) + high, return_counts=True)
+        return bool(np.all(counts % 2 == 0))
+
+    def turned_share(self) -> float:
+        """Share of the edges that are not run through as often one way as the other: 0 where all faces of a
+        closed surface agree which side is out."""
+        first, second = self._welded_edges()
+        low, high = np.minimum(first, second), np.maximum(first, second)
+        edges, index = np.unique(low * (int(high.max(initial=0)) + 1) + high, return_inverse=True)
+        balance = np.bincount(index, weights=np.sign(second - first))
+        return float(np.mean(balance != 0)) if len(edges) else 0.0
+
+    def _welded_edges(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Both ends of every side of every face, equal vertices being one."""
         _, welded = np.unique(np.round(self.vertices, 7), axis=0, return_inverse=True)
         faces = welded.reshape(-1)[self.faces]
         first, second = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
         proper = first != second
-        low, high = np.minimum(first, second)[proper], np.maximum(first, second)[proper]
-        _, counts = np.unique(low * (int(welded.max()) + 1) + high, return_counts=True)
-        return bool(np.all(counts % 2 == 0))
+        return first[proper], second[proper]
 
     def transformed(self, scale: float, offset: Array) -> Mesh:
         """Vertices times `scale`, then moved by `offset`."""
         return Mesh(self.vertices * scale + offset, self.faces)
 
+    def placed(self, scale: Array, link_from_mesh: Array) -> Mesh:
+        """Scaled along each axis (3,), then moved; right side out where the scale mirrors."""
+        faces = self.faces[:, ::-1] if np.prod(scale) < 0 else self.faces
+        return Mesh(apply(link_from_mesh, self.vertices * scale), faces)
+
+
+def read_mesh(path: Path) -> tuple[Mesh, ...]:
+    """The parts of an OBJ or STL file. Raises `InputError` naming the file."""
+    suffix = path.suffix.lower()
+    if suffix not in (".obj", ".stl"):
+        raise InputError(f"{path}: only OBJ and STL meshes are read, not {suffix or 'others'}")
+    return read_stl(path) if suffix == ".stl" else read_obj(path)
+
 
 def read_obj(path: Path) -> tuple[Mesh, ...]:
-    """The parts ("o" groups) of an OBJ file, polygons split into fans; textures and normals are left out.
+    """The parts ("o" or "g" groups) of an OBJ file, polygons split into fans; textures and normals are left
+    out.
 
     Raises `InputError` naming the file where it is missing, damaged or empty.
     """
     vertices: list[list[float]] = []
     parts: list[list[tuple[int, int, int]]] = [[]]
     try:
-        for line in path.read_text(errors="replace").splitlines():
+        for line in _bytes_of(path).decode(errors="replace").splitlines():
             words = line.split()
             if not words:
                 continue
             if words[0] == "v":
-                vertices.append([float(word) for word in words[1:4]])
-            elif words[0] == "o":
+                x, y, z = words[1:4]
+                vertices.append([float(x), float(y), float(z)])
+            elif words[0] in ("o", "g"):
                 parts.append([])
             elif words[0] == "f":
                 corners = [_vertex_index(word, len(vertices)) for word in words[1:]]
                 parts[-1] += [(corners[0], b, c) for b, c in pairwise(corners[1:])]
         points = np.array(vertices, dtype=np.float64).reshape(-1, 3)
+        meshes = tuple(_compacted(points, np.array(part, dtype=np.int64), path) for part in parts if part)
+    except (ValueError, IndexError, OverflowError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: not a mesh in OBJ format ({error})") from error
+    return _not_empty(meshes, path)
+
+
+def read_stl(path: Path) -> tuple[Mesh, ...]:
+    """The one part of an STL file, binary or text, equal corners being one vertex.
+
+    Raises `InputError` naming the file where it is missing, damaged or empty.
+    """
+    data = _bytes_of(path)
+    try:
+        if is_binary_stl(data):
+            corners = np.frombuffer(data, STL_FACET, offset=STL_HEADER)["corners"].reshape(-1, 3)
+        elif data.lstrip()[:5].lower() == b"solid":
+            lines = [line.split() for line in data.decode(errors="replace").splitlines()]
+            rows = [[float(x), float(y), float(z)] for [word, x, y, z, *_] in _vertices(lines)]
+            corners = np.array(rows).reshape(-1, 3)
+        else:
+            raise ValueError(f"{len(data)} bytes do not hold the {_facets(data)} facets that it names")
+        points, index = np.unique(corners.astype(np.float64), axis=0, return_inverse=True)
+        faces = index.reshape(-1, 3).astype(np.int64)
+    except ValueError as error:
+        raise InputError(f"{path}: not a mesh in STL format ({error})") from error
+    return _not_empty((_compacted(points, faces, path),) if len(faces) else (), path)
+
+
+def is_binary_stl(data: bytes) -> bool:
+    """Whether the bytes of an STL file are binary, whatever their header says."""
+    return len(data) == STL_HEADER + STL_FACET.itemsize * _facets(data)
+
+
+def _facets(data: bytes) -> int:
+    return int.from_bytes(data[80:84], "little")
+
+
+def _vertices(lines: list[list[str]]) -> list[list[str]]:
+    """The lines of an STL text that hold a corner."""
+    found = [words for words in lines if words and words[0] == "vertex"]
+    if any(len(words) != 4 for words in found):
+        raise ValueError("a vertex without three numbers")
+    return found
+
+
+def _bytes_of(path: Path) -> bytes:
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode) or status.st_size > LARGEST:
+            raise InputError(f"{path}: is no file of at most {LARGEST / 1e6:.0f} MB; simplify the mesh")
+        return path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    except ValueError as error:
-        raise InputError(f"{path}: not a mesh in OBJ format ({error})") from error
-    meshes = tuple(_compacted(points, np.array(part, dtype=np.int64), path) for part in parts if part)
+
+
+def _not_empty(meshes: tuple[Mesh, ...], path: Path) -> tuple[Mesh, ...]:
     if not meshes:
         raise InputError(f"{path}: the mesh is empty; a closed triangle mesh is needed")
     return meshes
@@ -100,10 +189,7 @@ def write_obj(path: Path, parts: tuple[Mesh, ...], decimals: int = 7) -> None:
         lines += [f"v {x:.{decimals}f} {y:.{decimals}f} {z:.{decimals}f}" for x, y, z in part.vertices]
         lines += [f"f {a} {b} {c}" for a, b, c in part.faces + offset]
         offset += len(part.vertices)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{uuid4().hex}.tmp")
-    temporary.write_text("\n".join(lines) + "\n")
-    temporary.replace(path)
+    write_text(path, "\n".join(lines) + "\n")
 
 
 def merged(parts: tuple[Mesh, ...]) -> Mesh:
@@ -115,13 +201,15 @@ def merged(parts: tuple[Mesh, ...]) -> Mesh:
 
 def _vertex_index(word: str, count: int) -> int:
     index = int(word.split("/")[0])
+    if index == 0:
+        raise ValueError("vertices are counted from 1")
     return index - 1 if index > 0 else count + index
 
 
 def _compacted(points: Array, faces: Faces, path: Path) -> Mesh:
     if faces.min() < 0 or faces.max() >= len(points):
         raise InputError(f"{path}: a face names a vertex that the file does not have")
-    if not np.all(np.isfinite(points)):
-        raise InputError(f"{path}: a vertex is not a finite number")
+    if not np.all(np.abs(points) < FARTHEST):
+        raise InputError(f"{path}: a vertex is not a finite number, or beyond {FARTHEST:g}")
     used, inverse = np.unique(faces, return_inverse=True)
     return Mesh(points[used], inverse.reshape(-1, 3).astype(np.int64))

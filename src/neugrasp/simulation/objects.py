@@ -4,38 +4,22 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
-import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Protocol
-from xml.etree import ElementTree
 
 import numpy as np
 
 from neugrasp.errors import InputError, MissingExtra
-from neugrasp.geometry.pose import Array
+from neugrasp.simulation.glassware import GlasswareSet
 from neugrasp.simulation.meshes import merged, read_obj, write_obj
+from neugrasp.simulation.object_model import ObjectModel, cache_folder, triple
+from neugrasp.simulation.object_urdf import files_of, read_urdf
 
 SPLITS = ("train", "test")
 KINDS = ("single", "pile", "packed")
-
-
-@dataclass(frozen=True)
-class ObjectModel:
-    """One object at scale 1, in metres. The frame of its meshes is the frame of its body."""
-
-    name: str
-    visual_mesh: Path
-    """Closed surface, OBJ."""
-    collision_meshes: tuple[Path, ...]
-    """OBJ files; every "o" group of a file stands for its convex hull."""
-    mass: float
-    """Kilograms at scale 1."""
-    lateral_friction: float = 1.0
-    centre_of_mass: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """In the mesh frame, metres."""
 
 
 class ObjectSet(Protocol):
@@ -52,12 +36,9 @@ class ObjectSet(Protocol):
         """The object called `name`. Raises `InputError` where there is none or its files are unusable."""
         ...
 
-
-def cache_folder() -> Path:
-    """Where meshes made by the project are kept: $NEUGRASP_CACHE, else the user's cache folder."""
-    if chosen := os.environ.get("NEUGRASP_CACHE"):
-        return Path(chosen) / "objects"
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "neugrasp" / "objects"
+    def content(self, name: str) -> bytes:
+        """What the object called `name` was made from, as far as a user can change it."""
+        ...
 
 
 def _checked(split: str, kind: str) -> None:
@@ -104,46 +85,16 @@ class FolderSet:
         """Mass and meshes as the URDF names them."""
         return read_urdf((self.folder / f"{name}.urdf"), name, self.folder)
 
+    def content(self, name: str) -> bytes:
+        """A hash of the URDF and of the meshes that it names."""
+        content = hashlib.sha256()
+        for file in files_of(self.folder / f"{name}.urdf", self.folder):
+            content.update(file.read_bytes() if file.is_file() else b"missing")
+        return content.digest()
+
 
 def _urdfs(folder: Path) -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in folder.glob("*.urdf")))
-
-
-def read_urdf(path: Path, name: str, root: Path) -> ObjectModel:
-    """The single body of a URDF whose meshes lie in `root`. Raises `InputError` naming the bad file."""
-    try:
-        link = ElementTree.parse(path).getroot().find("link")
-        if link is None:
-            raise InputError(f"{path}: has no <link>")
-        mass = float(link.find("inertial/mass").attrib["value"])  # type: ignore[union-attr]
-        friction = link.find("contact/lateral_friction")
-        lateral = 1.0 if friction is None else float(friction.attrib["value"])
-        visual = [_mesh_path(path, root, m) for m in link.findall("visual/geometry/mesh")]
-        collision = [_mesh_path(path, root, m) for m in link.findall("collision/geometry/mesh")]
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    except (ElementTree.ParseError, AttributeError, KeyError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: not a URDF with a mass and meshes ({error})") from error
-    if len(visual) != 1 or not collision:
-        raise InputError(f"{path}: needs one visual mesh and at least one collision mesh")
-    if not mass > 0:
-        raise InputError(f"{path}: mass {mass} kg; it must be greater than 0")
-    if not merged(read_obj(visual[0])).is_closed():
-        raise InputError(f"{visual[0]}: the surface is not closed; a body needs a mesh without holes")
-    for mesh in collision:
-        read_obj(mesh)
-    return ObjectModel(name, visual[0], tuple(collision), mass, lateral)
-
-
-def _mesh_path(urdf: Path, root: Path, mesh: ElementTree.Element) -> Path:
-    path = (urdf.parent / mesh.attrib["filename"]).resolve()
-    if not path.is_relative_to(root.resolve()):
-        raise InputError(f"{urdf}: mesh {mesh.attrib['filename']!r} lies outside {root}")
-    if mesh.attrib.get("scale", "1 1 1").split() not in (["1"] * 3, ["1.0"] * 3):
-        raise InputError(f"{urdf}: scaled meshes are not supported; save the mesh in metres")
-    return path
 
 
 @dataclass(frozen=True)
@@ -174,11 +125,9 @@ class PybulletSet:
         mass = float(np.clip(volume * scale**3 * self.density, 0.01, 0.5))
         return ObjectModel(name, path, (path,), mass, centre_of_mass=triple(scale * (centre - whole.middle)))
 
-
-def triple(vector: Array) -> tuple[float, float, float]:
-    """A vector of three as plain numbers."""
-    x, y, z = vector.tolist()
-    return x, y, z
+    def content(self, name: str) -> bytes:
+        """Nothing: the name says it all."""
+        return b""
 
 
 def pybullet_data_folder() -> Path:
@@ -199,8 +148,6 @@ class ObjectLibrary:
     @staticmethod
     @lru_cache(maxsize=8)
     def _open(sets: tuple[str, ...], folder: Path | None) -> ObjectLibrary:
-        from neugrasp.simulation.glassware import GlasswareSet
-
         known = {"pybullet": PybulletSet, "glassware": GlasswareSet}
         opened: list[ObjectSet] = []
         for name in sets:
@@ -232,6 +179,14 @@ class ObjectLibrary:
                 )
             self._models[key] = chosen[0].model(name)
         return self._models[key]
+
+    def content_hash(self, objects: Iterable[tuple[str, str]]) -> str:
+        """SHA-256 of objects (set, name): of their names, and of what a user's files of them hold."""
+        sets = {some.name: some for some in self.sets}
+        content = hashlib.sha256()
+        for object_set, name in objects:
+            content.update(f"{object_set} {name} ".encode() + sets[object_set].content(name))
+        return content.hexdigest()
 
     def choices(self, split: str, kind: str) -> tuple[tuple[str, str], ...]:
         """All (object_set, name) that may stand in a scene, in a fixed order. Raises `InputError` if none."""

@@ -7,22 +7,23 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from neugrasp.errors import InputError, require
 from neugrasp.geometry.camera import Camera
-from neugrasp.geometry.pose import Array, from_quaternion
+from neugrasp.geometry.pose import Array
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
 from neugrasp.simulation.depth import plane_depth, rendered
 from neugrasp.simulation.frozen import Freezer
 from neugrasp.simulation.hand import Hand
+from neugrasp.simulation.placed import Placed
 from neugrasp.simulation.quiet import quiet
 from neugrasp.simulation.scene import Body, Scene
 from neugrasp.simulation.urdf import write_gripper, write_object
@@ -49,17 +50,6 @@ class Library(Protocol):
     def model(self, object_set: str, name: str) -> ObjectModel: ...
 
 
-@dataclass(frozen=True)
-class _Placed:
-    """A body in the engine."""
-
-    uid: int
-    body: Body
-    """As it was added; its pose is out of date."""
-    centre_of_mass: Array
-    """(3,), in the mesh frame, scaled, metres."""
-
-
 class World:
     """A table, bodies on it and a gripper. One engine per world; close it or use it as a context."""
 
@@ -76,7 +66,7 @@ class World:
         self._folder = Path(self._temporary.name)
         self._hand_urdf = write_gripper(self.gripper, self._folder)
         self._urdfs: dict[tuple[str, str], Path] = {}
-        self._placed: list[_Placed] = []
+        self._placed: list[Placed] = []
         self._hand: Hand | None = None
         self.clear()
         self.approach = self.hand().try_approach()
@@ -129,7 +119,8 @@ class World:
         except self._client.error as error:
             meshes = ", ".join(str(path) for path in (model.visual_mesh, *model.collision_meshes))
             raise InputError(f"{meshes}: the physics engine cannot load this object ({error})") from error
-        self._placed.append(_Placed(uid, body, np.array(model.centre_of_mass) * body.scale))
+        turn = Rotation.from_euler("xyz", model.inertial_rpy) if any(model.inertial_rpy) else None
+        self._placed.append(Placed(uid, body, np.array(model.centre_of_mass) * body.scale, turn))
         self.place(len(self._placed) - 1, body)
         return len(self._placed) - 1
 
@@ -152,9 +143,7 @@ class World:
     def place(self, index: int, body: Body) -> None:
         """Teleports a body to the pose of `body`, at rest."""
         placed = self._placed[index]
-        pose = from_quaternion(body.quaternion_xyzw, body.position)
-        centre = pose[:3, 3] + pose[:3, :3] @ placed.centre_of_mass
-        self._client.resetBasePositionAndOrientation(placed.uid, centre, body.quaternion_xyzw)
+        self._client.resetBasePositionAndOrientation(placed.uid, *placed.placing(body))
         self._client.resetBaseVelocity(placed.uid, [0, 0, 0], [0, 0, 0])
 
     def remove(self, index: int) -> None:
@@ -165,12 +154,8 @@ class World:
         """All bodies where they are now."""
         return tuple(self._current(placed) for placed in self._placed)
 
-    def _current(self, placed: _Placed) -> Body:
-        position, quaternion = self._client.getBasePositionAndOrientation(placed.uid)
-        if placed.centre_of_mass.any():
-            offset = from_quaternion(quaternion)[:3, :3] @ placed.centre_of_mass
-            position = tuple((np.array(position) - offset).tolist())
-        return replace(placed.body, position=tuple(position), quaternion_xyzw=tuple(quaternion))
+    def _current(self, placed: Placed) -> Body:
+        return placed.body_at(*self._client.getBasePositionAndOrientation(placed.uid))
 
     def bottom(self, index: int) -> float:
         """How low a body's bounding box reaches, metres."""
@@ -214,7 +199,7 @@ class World:
                 return True
         return False
 
-    def _speed(self, placed: _Placed) -> float:
+    def _speed(self, placed: Placed) -> float:
         linear, angular = self._client.getBaseVelocity(placed.uid)
         return float(np.linalg.norm([*linear, *angular]))
 

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from neugrasp.errors import InputError
+from neugrasp.data.fields import Fields
+from neugrasp.data.strict_json import parse_json
 from neugrasp.geometry.camera import Camera
 
 
@@ -70,24 +71,21 @@ def scene_to_json(scene: Scene) -> str:
 
 def scene_from_json(text: str, source: str | Path = "world.json") -> Scene:
     """The inverse of `scene_to_json`. Raises `InputError` naming `source`."""
-    try:
-        data = json.loads(text)
-        if data["format"] != "neugrasp-world" or data["version"] != 1:
-            raise InputError(f"{source}: not a neugrasp-world of version 1")
-        bodies = tuple(
-            Body(
-                b["object_set"],
-                b["name"],
-                float(b["scale"]),
-                tuple(b["position"]),
-                tuple(b["quaternion_xyzw"]),
-            )
-            for b in data["bodies"]
-        )
-        materials = tuple(Material(m["kind"], m["preset"], m["parameters"]) for m in data["materials"])
-        return Scene(data["kind"], int(data["seed"]), bodies, materials)
-    except (KeyError, TypeError, json.JSONDecodeError) as error:
-        raise InputError(f"{source}: damaged world description ({error!r})") from error
+    fields = Fields(f"{source}", parse_json(text, f"{source}"))
+    fields.expect("neugrasp-world", 1)
+    bodies, materials = map(_body, fields.each("bodies")), map(_material, fields.each("materials"))
+    return Scene(fields.text("kind"), fields.whole("seed", 0, 2**64), tuple(bodies), tuple(materials))
+
+
+def _body(fields: Fields) -> Body:
+    x, y, z = fields.numbers("position", 3, 10.0, "[x, y, z] in metres").tolist()
+    qx, qy, qz, qw = fields.numbers("quaternion_xyzw", 4, 1.001, "[x, y, z, w]").tolist()
+    scale = fields.number("scale", 1e-9, 1e3)
+    return Body(fields.text("object_set"), fields.text("name"), scale, (x, y, z), (qx, qy, qz, qw))
+
+
+def _material(fields: Fields) -> Material:
+    return Material(fields.text("kind"), fields.text("preset"), fields.inside("parameters").data)
 
 
 def camera_to_dict(camera: Camera) -> dict[str, Any]:

@@ -16,7 +16,7 @@ import numpy as np
 from neugrasp.data.labels import Labels
 from neugrasp.data.records import Record, without_photos, write_record
 from neugrasp.data.trials import State
-from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.errors import InputError, NeuGraspError, WriteError
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
 from neugrasp.simulation.arrange import arrange
@@ -181,7 +181,7 @@ class Studio:
             seed = self._seed("scene", index, attempt)
             try:
                 scene = arrange(self.config.scene, seed, self.world, self.choices)
-            except InputError:
+            except (InputError, WriteError):
                 raise
             except NeuGraspError as error:
                 reason, scene = str(error), None

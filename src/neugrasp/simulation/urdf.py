@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree.ElementTree import Element, ElementTree, SubElement
@@ -22,13 +23,26 @@ def write_object(model: ObjectModel, path: Path) -> Path:
     link = SubElement(robot, "link", name="body")
     contact = SubElement(link, "contact")
     SubElement(contact, "lateral_friction", value=str(model.lateral_friction))
-    _add_inertial(link, model.mass, np.array(model.centre_of_mass))
-    meshes = [("visual", model.visual_mesh), *(("collision", mesh) for mesh in model.collision_meshes)]
-    for role, mesh in meshes:
-        geometry = SubElement(SubElement(link, role), "geometry")
-        SubElement(geometry, "mesh", filename=str(mesh.resolve()))
+    _add_inertial(link, model.mass, np.array(model.centre_of_mass), model.inertial_rpy)
+    _add_mesh(link, "visual", model.visual_mesh)
+    if not model.engine_shapes:
+        for mesh in model.collision_meshes:
+            _add_mesh(link, "collision", mesh)
+    for shape in model.engine_shapes:
+        collision = _add_mesh(link, "collision", shape.mesh, scale=_words(shape.scale))
+        SubElement(collision, "origin", xyz=_words(shape.xyz), rpy=_words(shape.rpy))
     ElementTree(robot).write(path)
     return path
+
+
+def _add_mesh(link: Element, role: str, mesh: Path, **options: str) -> Element:
+    element = SubElement(link, role)
+    SubElement(SubElement(element, "geometry"), "mesh", {"filename": str(mesh.resolve()), **options})
+    return element
+
+
+def _words(numbers: Iterable[float]) -> str:
+    return " ".join(map(str, numbers))
 
 
 def write_gripper(gripper: Gripper, folder: Path) -> Path:
@@ -71,9 +85,11 @@ def _add_link(robot: Element, name: str, link: Link, folder: Path, turned: bool)
         SubElement(SubElement(collision, "geometry"), "mesh", filename=mesh.name)
 
 
-def _add_inertial(link: Element, mass: float, centre_of_mass: Array) -> None:
+def _add_inertial(
+    link: Element, mass: float, centre_of_mass: Array, rpy: tuple[float, ...] = (0, 0, 0)
+) -> None:
     inertial = SubElement(link, "inertial")
-    SubElement(inertial, "origin", rpy="0 0 0", xyz=" ".join(str(x) for x in centre_of_mass.tolist()))
+    SubElement(inertial, "origin", rpy=_words(rpy), xyz=_words(centre_of_mass.tolist()))
     SubElement(inertial, "mass", value=str(mass))
     # The format wants an inertia; the engine ignores it and computes one from the shapes.
     SubElement(inertial, "inertia", ixx="1", ixy="0", ixz="0", iyy="1", iyz="0", izz="1")

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from neugrasp.errors import InputError
+
 
 @dataclass(frozen=True)
 class Viewer:
@@ -49,6 +51,8 @@ class Viewer:
 
     def run(self) -> str | None:
         """The name of the picture, or nothing after the viewer was ended with Ctrl-C."""
+        if not 0 <= self.port < 2**16:
+            raise InputError(f"--port {self.port}: must be from 0 to 65535")
         from neugrasp.viewer.opening import open_contents
         from neugrasp.viewer.settings import Settings
         from neugrasp.viewer.show import serve, take_picture

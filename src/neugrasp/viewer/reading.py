@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from neugrasp.data.camera_checks import check_rigid
 from neugrasp.data.labels import labels_from_bytes
 from neugrasp.data.npz import npz_arrays
 from neugrasp.data.scene_folder import FILE, read_scene
 from neugrasp.errors import InputError, NeuGraspError
-from neugrasp.export import read_grasps
+from neugrasp.export import read_grasp_list
 from neugrasp.geometry.pose import from_quaternion, inverse
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
@@ -57,11 +56,11 @@ def scene_contents(folder: Path, choices: Choices) -> Contents:
 
 def prediction_contents(folder: Path, choices: Choices) -> Contents:
     """What `neugrasp predict` wrote, with the photos it was made from where they can be found."""
-    grasps = read_grasps(folder / GRASPS)
+    found = read_grasp_list(folder / GRASPS)
+    grasps = found.grasps
     tsdf, workspace = _read_grid(folder / GRID)
-    about = json.loads((folder / GRASPS).read_text(encoding="utf-8"))
-    gripper = _gripper(choices.gripper or about.get("gripper", "panda"), folder / GRASPS)
-    capture = _capture(folder, about.get("scene"), replace(choices, gripper=choices.gripper or gripper.name))
+    gripper = _gripper(choices.gripper or found.gripper or "panda", folder / GRASPS)
+    capture = _capture(folder, found.scene, replace(choices, gripper=choices.gripper or gripper.name))
     if capture is not None and not _same_place(capture.workspace, workspace):
         raise InputError(
             f"{folder}: its workspace lies elsewhere than that of {capture.title}; give the scene that the "
@@ -87,13 +86,13 @@ def _gripper(name: str, file: Path) -> Gripper:
     return Gripper.load(name)
 
 
-def _capture(folder: Path, named: Any, choices: Choices) -> Contents | None:
+def _capture(folder: Path, named: str | None, choices: Choices) -> Contents | None:
     """The scene of a prediction: as given, else as it names it, else none."""
     if choices.scene is not None:
         return scene_contents(choices.scene, choices)
     if (folder / FILE).is_file():
         return scene_contents(folder, choices)
-    if not isinstance(named, str) or not named:
+    if not named:
         log.warning("%s does not say which scene it was made from: no photos; give --scene DIR", folder)
         return None
     try:
@@ -110,8 +109,9 @@ def _same_place(a: Workspace, b: Workspace) -> bool:
 def _read_grid(file: Path) -> tuple[Grid, Workspace]:
     if not file.is_file():
         raise InputError(f"{file}: missing; a prediction needs {GRASPS} and {GRID}")
-    arrays = npz_arrays(file.read_bytes(), ("tsdf", "world_from_workspace"), str(file))
-    workspace = Workspace(world_from_workspace=arrays["world_from_workspace"])
+    arrays = npz_arrays(file.read_bytes(), {"tsdf": "f", "world_from_workspace": "f"}, str(file))
+    pose = check_rigid(arrays["world_from_workspace"].tolist(), f"{file}: world_from_workspace")
+    workspace = Workspace(world_from_workspace=pose)
     return checked(arrays["tsdf"], workspace, file), workspace
 
 
@@ -127,7 +127,7 @@ def _truth(folder: Path, gripper: Gripper, objects: Path | None) -> Truth:
     grid = folder / "truth.npz"
     tsdf = None
     if grid.is_file():
-        stored = npz_arrays(grid.read_bytes(), ("tsdf",), str(grid))["tsdf"]
+        stored = npz_arrays(grid.read_bytes(), {"tsdf": "f"}, str(grid))["tsdf"]
         tsdf = free_where_unseen(checked(stored, Workspace(), grid))
     world = folder / "world.json"
     solids: tuple[Solid, ...] = ()

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from neugrasp.errors import InputError
 from neugrasp.evaluation.episode import Attempt, Episode, read_episode
-from neugrasp.evaluation.folder import facts_of, library_of, scene_of
+from neugrasp.evaluation.folder import NEEDED, facts_of, library_of, scene_of
 from neugrasp.evaluation.rounds import Rounds
 from neugrasp.geometry.pose import from_quaternion
 from neugrasp.geometry.workspace import Workspace
@@ -27,7 +26,7 @@ NO_PHOTO = np.zeros((0, 0, 3), dtype=np.uint8)
 
 def round_contents(evaluation: Path, number: int, choices: Choices) -> Contents:
     """Round `number` of what `neugrasp evaluate` wrote. Raises `InputError` where it is not there."""
-    facts = _facts(evaluation)
+    facts = facts_of(evaluation, NEEDED)
     episode = read_episode(evaluation / "rounds" / f"{number:06d}.json")
     library = library_of(evaluation, choices.objects)
     workspace = Workspace()
@@ -57,15 +56,6 @@ def moments_of(episode: Episode, objects: Path | None) -> tuple[Moment, ...]:
     return tuple(moments)
 
 
-def _facts(folder: Path) -> dict[str, Any]:
-    facts = facts_of(folder)
-    try:
-        _ = facts["object_sets"], facts["scene"], facts["seed"], facts["views"], facts["gripper"]
-    except (KeyError, TypeError) as error:
-        raise InputError(f"{folder}: no evaluation (run.json: {error!r})") from error
-    return facts
-
-
 def _colours(episode: Episode) -> dict[Identity, Colour]:
     """One colour for each body, the same at all times."""
     times = [_scene(attempt.before) for attempt in episode.attempts] + [_scene(episode.left)]
@@ -74,7 +64,7 @@ def _colours(episode: Episode) -> dict[Identity, Colour]:
 
 
 def _scene(lying: dict[str, Any] | None) -> Scene | None:
-    if lying is None or not lying["bodies"]:
+    if lying is None or not lying.get("bodies"):
         return None
     return scene_of(lying)
 

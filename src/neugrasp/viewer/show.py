@@ -10,6 +10,8 @@ from dataclasses import replace
 import numpy as np
 from PIL import Image as Picture
 
+from neugrasp.errors import InputError
+from neugrasp.output import photos_in, whole_file
 from neugrasp.viewer.browser import Browser
 from neugrasp.viewer.command import Viewer
 from neugrasp.viewer.contents import Candidate, Contents
@@ -81,7 +83,11 @@ def serve(viewer: Viewer, contents: Contents, settings: Settings) -> None:
 def take_picture(viewer: Viewer, contents: Contents, settings: Settings) -> None:
     """Writes the PNG file that `viewer.screenshot` names."""
     assert viewer.screenshot is not None
+    if viewer.screenshot.suffix.lower() != ".png":
+        raise InputError(f"--screenshot {viewer.screenshot}: is a PNG file; give a name that ends with .png")
+    folders = [viewer.path, *([] if viewer.scene is None else [viewer.scene])]
     with (
+        whole_file(viewer.screenshot, [photo for f in folders for photo in photos_in(f)]) as part,
         Show(contents, settings, viewer.host, viewer.port) as show,
         Browser(show.stage.url, viewer.browser, viewer.size if viewer.panel else SMALL) as browser,
     ):
@@ -91,5 +97,4 @@ def take_picture(viewer: Viewer, contents: Contents, settings: Settings) -> None
             image = browser.screenshot()
         else:
             image = show.picture(width, height)
-    viewer.screenshot.parent.mkdir(parents=True, exist_ok=True)
-    Picture.fromarray(image).save(viewer.screenshot, optimize=True)
+        Picture.fromarray(image).save(part, optimize=True)
