@@ -23,8 +23,8 @@ INFERENCE = {
     "grasp head", "selection", "other",
 }  # fmt: skip
 TRAINING = {
-    "encode images", "backgrounds", "foreground", "voxel maps", "volumes", "field query", "grasp head",
-    "ray field", "ray weights", "grid rays", "losses", "backward", "optimiser", "other",
+    "encode images", "foreground", "voxel maps", "volumes", "field query", "grasp head", "ray field",
+    "ray weights", "grid rays", "losses", "backward", "optimiser", "other",
 }  # fmt: skip
 
 

@@ -11,11 +11,10 @@ from hypothesis import HealthCheck, given, settings
 from record_strategies import assert_same_trials, tables
 
 from neugrasp.data.npz import npz_arrays, npz_bytes
-from neugrasp.data.trials import COLUMNS, Trials, joined, trials_from_bytes, trials_to_bytes
+from neugrasp.data.trials import KINDS, Trials, joined, trials_from_bytes, trials_to_bytes
 from neugrasp.errors import InputError
 
 FEW = settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-ARRAYS = (*COLUMNS, "distances", "about")
 
 
 @pytest.fixture
@@ -88,7 +87,7 @@ def test_a_state_and_a_series_that_both_have_are_told_once(trials: Trials) -> No
     ],
 )
 def test_a_damaged_table_is_named(change: dict[str, object], message: str, trials: Trials) -> None:
-    arrays = npz_arrays(trials_to_bytes(trials), ARRAYS, "trials.npz")
+    arrays = npz_arrays(trials_to_bytes(trials), KINDS, "trials.npz")
     for name, value in change.items():
         if isinstance(value, str):
             arrays[name] = arrays[name].astype(value)

@@ -24,7 +24,7 @@ import pytest
 
 from neugrasp.cli import Generate
 from neugrasp.data.npz import npz_arrays, npz_bytes
-from neugrasp.data.records import read_record
+from neugrasp.data.records import TRUTH_ARRAYS, read_record
 from neugrasp.data.shards import pack
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.simulation import generate as generation
@@ -117,7 +117,8 @@ def test_a_data_set_made_without_mesh_distances_is_given_those_it_would_have(
     old = tmp_path / "old"
     shutil.copytree(undisturbed, old)
     for path in old.glob("scenes/*/truth.npz"):
-        arrays = npz_arrays(path.read_bytes(), ("tsdf", "observed", "depth", "masks"), str(path))
+        kinds = {name: kind for name, kind in TRUTH_ARRAYS.items() if name != "distance"}
+        arrays = npz_arrays(path.read_bytes(), kinds, str(path))
         path.write_bytes(npz_bytes(**arrays))
     assert digest(old) != digest(undisturbed)
     program = [sys.executable, HERE.parents[1] / "benchmarks" / "add_distance.py", old, "--sets", "glassware"]

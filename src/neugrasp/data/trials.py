@@ -28,7 +28,7 @@ COLUMNS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "series": (np.uint8, ()),
 }
 """The type of a column and the shape of a trial's entry in it."""
-_KINDS = {name: np.dtype(kind).kind for name, (kind, _) in COLUMNS.items()} | {"distances": "f", "about": "u"}
+KINDS = {name: np.dtype(kind).kind for name, (kind, _) in COLUMNS.items()} | {"distances": "f", "about": "u"}
 _MOST = 255
 """States, series and reasons in one file; they are told by a byte."""
 
@@ -119,7 +119,7 @@ def trials_to_bytes(trials: Trials) -> bytes:
 
 def trials_from_bytes(data: bytes, source: str) -> Trials:
     """The inverse of `trials_to_bytes`. Raises `InputError` naming `source` where it is damaged."""
-    arrays = npz_arrays(data, _KINDS, source)
+    arrays = npz_arrays(data, KINDS, source)
     about = _about(arrays.pop("about"), source)
     scenes = [scene_from_json(json.dumps(state), source) for state in about["states"]]
     distances, resolution = arrays.pop("distances"), Workspace().resolution
