@@ -1,0 +1,430 @@
+"""Scores on real photographs of measured objects: surfaces in millimetres, grasps executed on the meshes.
+
+    python tools/real.py DIR --vgn vgn_conv.pth --json real.json --pictures pictures
+
+DIR holds scene folders; beside scene.json each has ground_truth.json ("objects": a list of "id" and
+"world_from_object"), and DIR/objects/ID.obj are the meshes in metres. With depth/0.png, ... (millimetres,
+pixel for pixel those of the photos) VGN plays, too.
+
+Columns: from points of the surface found to the visible measured one and back, above the table (median / 90 %
+in mm); how much higher the upper ends of round objects were found (mm); how far from its axis the TCP of the
+best grasp of each round object lies, and all grasps along the closing of the fingers (mm); widths (mm); SR.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from PIL import Image as Picture
+from PIL import ImageDraw
+from scipy.spatial import cKDTree
+
+from neugrasp.baselines.vgn import VgnDetector, load_vgn_head
+from neugrasp.data.scene_folder import read_scene
+from neugrasp.detection.detector import Detection, NeuGraspDetector
+from neugrasp.errors import InputError, require
+from neugrasp.evaluation.protocols import protocol_of
+from neugrasp.geometry.fusion import fuse
+from neugrasp.geometry.pose import Array, apply, from_quaternion, inverse, to_quaternion
+from neugrasp.geometry.surface import Surface, surface_of
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.grasp import Grasp
+from neugrasp.gripper import Gripper
+from neugrasp.long_runs import source_commit
+from neugrasp.metrics import wilson_interval
+from neugrasp.pictures import draw_grasps, photo_of_workspace
+from neugrasp.pictures.shading import free_where_unseen
+from neugrasp.robot.pick import pick
+from neugrasp.robot.simulated import SimulatedRobot
+from neugrasp.simulation.meshes import Mesh, merged, read_obj, write_obj
+from neugrasp.simulation.objects import ObjectModel, triple
+from neugrasp.simulation.physics import World
+from neugrasp.simulation.quiet import quiet
+from neugrasp.simulation.scene import Body, Scene
+from neugrasp.simulation.surface import visible_surface
+from neugrasp.views import DepthView, DepthViews, Views
+
+FORMATTER = argparse.RawDescriptionHelpFormatter
+ABOVE_TABLE = 0.0075
+"""Metres from which on a surface is an object's: a voxel."""
+NUM_POINTS = 60_000
+MASS = 0.1
+"""Kilograms; the objects were not weighed."""
+LIFT = 0.00025
+"""Metres by which objects are raised at once until those that were measured into each other are free."""
+TOUCHING = 0.0012
+"""Metres by which bodies may overlap that rest on each other: the engine puts 1 mm around its shapes."""
+ROUND = 0.1
+"""An object whose two smaller extents differ by less than this share stands about an axis."""
+
+
+class Meshes:
+    """The measured meshes as objects of the simulation; every concave one becomes several convex parts."""
+
+    def __init__(self, source: Path, folder: Path):
+        self._source, self._folder = source, folder
+        self._models: dict[str, ObjectModel] = {}
+
+    def mesh(self, name: str) -> Mesh:
+        """Faces turned outwards. Raises `InputError` where there is no such mesh."""
+        mesh = merged(read_obj(self._source / f"{name}.obj"))
+        volume, _ = mesh.volume_and_centroid()
+        return Mesh(mesh.vertices, mesh.faces if volume > 0 else mesh.faces[:, ::-1])
+
+    def model(self, object_set: str, name: str) -> ObjectModel:
+        """Its mass and friction are assumed."""
+        if name not in self._models:
+            mesh = self.mesh(name)
+            visual, convex = self._folder / f"{name}.obj", self._folder / f"{name}_convex.obj"
+            write_obj(visual, (mesh,))
+            with quiet():
+                pybullet = require("pybullet", extra="sim")
+                pybullet.vhacd(str(visual), str(convex), str(self._folder / "vhacd.log"))
+            self._models[name] = ObjectModel(
+                name, visual, (convex,), MASS, centre_of_mass=triple(mesh.middle)
+            )
+        return self._models[name]
+
+
+@dataclass(frozen=True)
+class Thing:
+    """One measured object."""
+
+    name: str
+    workspace_from_object: Array
+    mesh: Mesh
+
+    @property
+    def body(self) -> Body:
+        """As the simulation knows it."""
+        x, y, z = self.workspace_from_object[:3, 3].tolist()
+        qx, qy, qz, qw = to_quaternion(self.workspace_from_object).tolist()
+        return Body("real", self.name, 1.0, (x, y, z), (qx, qy, qz, qw))
+
+    @cached_property
+    def vertices(self) -> Array:
+        """(n, 3), workspace frame, metres."""
+        return apply(self.workspace_from_object, self.mesh.vertices)
+
+    @cached_property
+    def axis(self) -> tuple[Array, Array] | None:
+        """A point and a unit vector, workspace frame, of something round; None of anything else."""
+        order = np.argsort(self.mesh.extents)
+        small, middle, _ = self.mesh.extents[order]
+        if middle / small - 1 > ROUND:
+            return None
+        return apply(self.workspace_from_object, self.mesh.middle), self.workspace_from_object[:3, order[2]]
+
+    def from_axis(self, points: Array) -> Array:
+        """Vectors (n, 3) to points (n, 3) from the axis, at right angles to it, metres."""
+        assert self.axis is not None
+        offset = points - self.axis[0]
+        return np.asarray(offset - (offset @ self.axis[1])[:, None] * self.axis[1])
+
+
+@dataclass(frozen=True)
+class RealScene:
+    """A photographed scene and what was measured in it."""
+
+    name: str
+    views: Views
+    things: tuple[Thing, ...]
+    depths: tuple[Path, ...]
+
+    @classmethod
+    def read(cls, folder: Path, meshes: Meshes) -> RealScene:
+        """Raises `InputError` where scene, truth or meshes are missing."""
+        views = read_scene(folder)
+        workspace_from_world = inverse(views.workspace.world_from_workspace)
+        try:
+            entries = json.loads((folder / "ground_truth.json").read_text(encoding="utf-8"))["objects"]
+            things = tuple(
+                Thing(e["id"], workspace_from_world @ np.array(e["world_from_object"]), meshes.mesh(e["id"]))
+                for e in entries
+            )
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise InputError(f"{folder}/ground_truth.json: needs 'objects' with poses ({error!r})") from error
+        depths = tuple(folder / "depth" / f"{i}.png" for i in range(len(views)))
+        return cls(folder.name, views, things, depths if all(map(Path.is_file, depths)) else ())
+
+    def depth_views(self) -> DepthViews:
+        """What the depth camera measured."""
+        images = [np.asarray(Picture.open(path), dtype=np.float32) / 1000 for path in self.depths]
+        pairs = zip(images, self.views.views, strict=True)
+        return DepthViews(tuple(DepthView(d, v.camera) for d, v in pairs), self.views.workspace)
+
+
+def fused_surface(depths: DepthViews) -> Surface:
+    """What a depth camera measured, workspace frame."""
+    workspace_from_world = inverse(depths.workspace.world_from_workspace)
+    cameras = [view.camera.moved(workspace_from_world) for view in depths.views]
+    tsdf = fuse([view.depth for view in depths.views], cameras, depths.workspace)
+    return surface_of(free_where_unseen(tsdf.values), depths.workspace)
+
+
+def sampled(surface: Surface, rng: np.random.Generator, count: int) -> Array:
+    """Points (count, 3) drawn uniformly by area; none of an empty surface."""
+    corners = surface.vertices[surface.faces]
+    if not len(corners):
+        return np.zeros((0, 3))
+    a, b, c = np.moveaxis(corners, 1, 0)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    chosen = rng.choice(len(area), size=count, p=area / area.sum())
+    u, v = rng.random((2, count, 1))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    return np.asarray(a[chosen] + u * (b - a)[chosen] + v * (c - a)[chosen])
+
+
+def surface_errors(found: Array, truth: Array, scene: RealScene) -> dict[str, Any]:
+    """Millimetres between points of the surface found and of the visible measured one, above the table."""
+    lowest = scene.views.workspace.table_height + ABOVE_TABLE
+    found_above, truth_above = found[found[:, 2] > lowest], truth[truth[:, 2] > lowest]
+    if not len(found_above):
+        return {"found_to_mesh": None, "mesh_to_found": None, "height": [], "points": 0}
+    return {
+        "found_to_mesh": _millimetres(cKDTree(truth).query(found_above)[0]),
+        "mesh_to_found": _millimetres(cKDTree(found).query(truth_above)[0]),
+        "height": [_height_error(thing, found_above, truth_above) for thing in scene.things if thing.axis],
+        "points": len(found_above),
+    }
+
+
+def _millimetres(distances: Array) -> dict[str, float]:
+    return {"median": 1000 * float(np.median(distances)), "p90": 1000 * float(np.quantile(distances, 0.9))}
+
+
+def _height_error(thing: Thing, found: Array, truth: Array) -> float | None:
+    """Of the middle of its upper end, millimetres, positive where found too high; None where not found."""
+    # The highest points but for outliers: glass may have more than one surface below.
+    near = 0.25 * float(np.sort(thing.mesh.extents)[0])
+    tops = []
+    for points in (found, truth):
+        inside = points[np.linalg.norm(thing.from_axis(points), axis=1) < near]
+        tops.append(float(np.quantile(inside[:, 2], 0.98)) if len(inside) else None)
+    return None if tops[0] is None or tops[1] is None else 1000 * (tops[0] - tops[1])
+
+
+class Judge:
+    """Measured meshes in physics, on a table where the lowest of them stands."""
+
+    def __init__(self, scene: RealScene, meshes: Meshes, gripper: Gripper):
+        self.scene = scene
+        lowest = min(float(thing.vertices[:, 2].min()) for thing in scene.things)
+        self.world = World(
+            Workspace(table_height=min(lowest, scene.views.workspace.table_height)), meshes, gripper
+        )
+        self.world.reset(Scene("packed", 0, tuple(thing.body for thing in scene.things)))
+        self.truth = visible_surface(self.world, np.random.default_rng(0), NUM_POINTS).points
+        self.laid, self.lifted_mm = self._freed()
+        self.settled_mm = self._settled()
+
+    def _freed(self) -> tuple[Scene, list[float]]:
+        """The objects, raised where they were measured into each other, and by how many millimetres."""
+        self.world.clear()
+        bodies, lifted = [], []
+        for thing in sorted(self.scene.things, key=lambda thing: float(thing.vertices[:, 2].min())):
+            body, (x, y, z) = thing.body, thing.body.position
+            index = self.world.add(body)
+            self.world.detect_collisions()
+            while self._overlap(index) > TOUCHING:
+                body = replace(body, position=(x, y, body.position[2] + LIFT))
+                self.world.place(index, body)
+                self.world.detect_collisions()
+            bodies.append(body)
+            lifted.append(1000 * (body.position[2] - z))
+        return Scene("packed", 0, tuple(bodies)), lifted
+
+    def _overlap(self, index: int) -> float:
+        """Metres by which a body reaches into another one or into the table; `World` says only whether it is
+        near them."""
+        client, placed = self.world._client, self.world._placed[index]
+        return max((-contact[8] for contact in client.getContactPoints(placed.uid)), default=0.0)
+
+    def _settled(self) -> list[float]:
+        """Millimetres by which each object moves when it is let go."""
+        self.world.reset(self.laid)
+        self.world.rest()
+        middle = {thing.name: thing.mesh.middle for thing in self.scene.things}
+        pairs = zip(self.laid.bodies, self.world.bodies(), strict=True)
+        places = [[apply(_pose(body), middle[body.name]) for body in pair] for pair in pairs]
+        return [1000 * float(np.linalg.norm(before - after)) for before, after in places]
+
+    def grasp(self, grasp: Grasp) -> dict[str, Any]:
+        """What comes of a grasp (workspace frame), and where it is."""
+        robot = SimulatedRobot(self.world, self.laid)
+        opening = protocol_of("paper").min_opening * robot.max_opening
+        reason = pick(robot, robot, grasp, opening, np.array([0.0, 0.0, 1.0])).reason
+        return {
+            "score": grasp.score,
+            "width_mm": 1000 * grasp.width,
+            **self._off_axis(grasp),
+            "tilt_deg": float(np.rad2deg(np.arccos(np.clip(-grasp.approach[2], -1, 1)))),
+            "reason": reason,
+        }
+
+    def _off_axis(self, grasp: Grasp) -> dict[str, Any]:
+        """The nearest round object, and millimetres from its axis, in all and along the closing."""
+        rounds = [(i, thing) for i, thing in enumerate(self.scene.things) if thing.axis]
+        if not rounds:
+            return {}
+        number, thing = min(
+            rounds, key=lambda one: float(np.linalg.norm(one[1].from_axis(grasp.position[None])))
+        )
+        offset = 1000 * thing.from_axis(grasp.position[None])[0]
+        sideways = abs(float(offset @ grasp.pose[:3, 1]))
+        return {"object": number, "off_axis_mm": float(np.linalg.norm(offset)), "sideways_mm": sideways}
+
+
+def _pose(body: Body) -> Array:
+    return from_quaternion(body.quaternion_xyzw, body.position)
+
+
+def judged(judge: Judge, surface: Surface, detection: Detection) -> dict[str, Any]:
+    """Everything about one detector in one scene; `surface` is in the workspace frame."""
+    found = sampled(surface, np.random.default_rng(0), NUM_POINTS)
+    workspace_from_world = inverse(judge.scene.views.workspace.world_from_workspace)
+    grasps = [judge.grasp(grasp.moved(workspace_from_world)) for grasp in detection.grasps]
+    return {"surface": surface_errors(found, judge.truth, judge.scene), "grasps": grasps}
+
+
+def picture(scene: RealScene, grasps: Sequence[Grasp], gripper: Gripper) -> Picture.Image:
+    """All photos with the measured meshes as dots, and the best grasps."""
+    tiles = []
+    for view in scene.views.views:
+        crop = photo_of_workspace(view, scene.views.workspace, 640)
+        photo = Picture.fromarray(draw_grasps(crop, grasps[:3], gripper, 1))
+        pen = ImageDraw.Draw(photo)
+        for thing in scene.things:
+            in_world = scene.views.workspace.to_world(thing.vertices[::5])
+            pen.point(
+                [tuple(p) for p in (crop.camera.project(in_world)[0] + 0.5).tolist()], fill=(255, 0, 255)
+            )
+        tiles.append(photo)
+    sheet = Picture.new("RGB", (sum(t.width for t in tiles), max(t.height for t in tiles)))
+    for i, tile in enumerate(tiles):
+        sheet.paste(tile, (sum(t.width for t in tiles[:i]), 0))
+    return sheet
+
+
+def table_of(results: dict[str, dict[str, Any]]) -> str:
+    """A row for each detector and scene, and one for all scenes of a detector."""
+    head = (
+        "detector",
+        "scene",
+        "found to mesh",
+        "mesh to found",
+        "height",
+        "best off axis",
+        "sideways",
+        "width",
+        "SR",
+    )
+    rows = []
+    for detector, scenes in results.items():
+        rows += [(detector, name, *_cells([result])) for name, result in scenes.items()]
+        rows.append((detector, "all", *_cells(list(scenes.values()))))
+    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows])
+
+
+def _cells(results: list[dict[str, Any]]) -> tuple[str, ...]:
+    surfaces = [result["surface"] for result in results if result["surface"]["points"]]
+    grasps = [grasp for result in results for grasp in result["grasps"]]
+    heights = [h for s in surfaces for h in s["height"] if h is not None]
+    held = sum(grasp["reason"] == "success" for grasp in grasps)
+    low, high = wilson_interval(held, len(grasps))
+    return (
+        *(
+            _range([(s[way]["median"], s[way]["p90"]) for s in surfaces])
+            for way in ("found_to_mesh", "mesh_to_found")
+        ),
+        _span(heights, "+.1f"),
+        _span(_best_off_axis(results), ".1f"),
+        _span([g["sideways_mm"] for g in grasps if "sideways_mm" in g], ".1f"),
+        _span([g["width_mm"] for g in grasps], ".0f"),
+        f"{held} of {len(grasps)} ({100 * low:.0f} to {100 * high:.0f} %)" if grasps else "no grasp",
+    )
+
+
+def _best_off_axis(results: list[dict[str, Any]]) -> list[float]:
+    """Of the best grasp of each round object, best first as grasps are."""
+    best: dict[tuple[int, int], float] = {}
+    for i, result in enumerate(results):
+        for grasp in result["grasps"]:
+            if "object" in grasp:
+                best.setdefault((i, grasp["object"]), grasp["off_axis_mm"])
+    return list(best.values())
+
+
+def _range(values: list[tuple[float, float]]) -> str:
+    return " / ".join(f"{np.mean([v[i] for v in values]):.1f}" for i in range(2)) if values else "-"
+
+
+def _span(values: list[float], form: str) -> str:
+    if not values:
+        return "-"
+    low, high = f"{min(values):{form}}", f"{max(values):{form}}"
+    return low if low == high else f"{low} to {high}"
+
+
+def score(args: argparse.Namespace) -> dict[str, dict[str, Any]]:
+    """Results by detector and scene."""
+    folders = sorted(path.parent for path in args.dir.glob("*/ground_truth.json"))
+    if not folders:
+        raise InputError(f"{args.dir}: holds no folder with a ground_truth.json")
+    gripper = Gripper.load("panda")
+    detector = NeuGraspDetector.load(args.weights)
+    vgn = VgnDetector(load_vgn_head(args.vgn), gripper) if args.vgn else None
+    results: dict[str, dict[str, Any]] = defaultdict(dict)
+    with TemporaryDirectory() as temporary:
+        meshes = Meshes(args.dir / "objects", Path(temporary))
+        for folder in folders:
+            scene = RealScene.read(folder, meshes)
+            judge = Judge(scene, meshes, gripper)
+            physics = {"lifted_mm": judge.lifted_mm, "settled_mm": judge.settled_mm}
+            detection = detector.detect(scene.views)
+            surface = surface_of(detection.tsdf, scene.views.workspace)
+            results["neugrasp"][scene.name] = judged(judge, surface, detection) | physics
+            if vgn and scene.depths:
+                depths = scene.depth_views()
+                found = judged(judge, fused_surface(depths), vgn.detect(depths))
+                results["vgn on measured depth"][scene.name] = found | physics
+            judge.world.close()
+            if args.pictures:
+                args.pictures.mkdir(parents=True, exist_ok=True)
+                picture(scene, detection.grasps, gripper).save(args.pictures / f"{scene.name}.png")
+    return results
+
+
+def main() -> None:
+    """Prints the table and writes what was asked for."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("dir", type=Path)
+    parser.add_argument("--weights", default="neugrasp", help="a name of bundled weights, or a file")
+    parser.add_argument("--vgn", type=Path, help="vgn_conv.pth of github.com/ethz-asl/vgn")
+    parser.add_argument("--json", type=Path, help="where all numbers are written")
+    parser.add_argument("--pictures", type=Path, help="a folder for photos with meshes and grasps")
+    args = parser.parse_args()
+    try:
+        results = score(args)
+    except InputError as error:
+        raise SystemExit(f"error: {error}") from error
+    print(table_of(results))
+    if args.json:
+        data = {"weights": Path(args.weights).name, "commit": source_commit(), "results": results}
+        args.json.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
