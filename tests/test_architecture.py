@@ -20,7 +20,7 @@ LAYERS = [
     {"errors"},
     {"geometry", "long_runs"},
     {"views", "grasp", "gripper"},
-    {"metrics", "pictures"},
+    {"metrics", "pictures", "change"},
     {"model", "simulation", "data"},
     {"detection", "training", "baselines", "doctor", "importers"},
     {"robot"},

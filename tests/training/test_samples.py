@@ -7,7 +7,7 @@ import torch
 from scipy import ndimage
 
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.training.change import OBJECT, TABLE
+from neugrasp.change import OBJECT, TABLE
 from neugrasp.training.samples import drop_views, prepare_record, sample_of
 
 

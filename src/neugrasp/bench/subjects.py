@@ -16,7 +16,7 @@ from neugrasp.gripper import Gripper
 from neugrasp.model.config import ModelConfig
 from neugrasp.model.inputs import prepare
 from neugrasp.model.network import NeuGrasp
-from neugrasp.training.change import change_labels
+from neugrasp.change import change_labels
 from neugrasp.training.config import TrainConfig
 from neugrasp.training.recipes import paper, small
 from neugrasp.training.samples import GraspLabels, Photos, Sample, Truth

@@ -11,7 +11,7 @@ from neugrasp.doctor.camera_findings import check_coverage, check_intrinsics
 from neugrasp.doctor.capture import Capture, Reading, read_capture
 from neugrasp.doctor.convention import check_convention, plausible
 from neugrasp.doctor.empty_table import check_empty_table
-from neugrasp.doctor.findings import Finding, Level, worst
+from neugrasp.doctor.findings import Finding, Level, verdict, worst
 from neugrasp.doctor.light_checks import check_brightness, check_light, check_sharpness
 from neugrasp.doctor.pair_checks import check_pairs
 from neugrasp.doctor.problems import BACKGROUND_DIFFERS, MIRRORED, SHIFTED
@@ -40,6 +40,11 @@ class Diagnosis:
     def level(self) -> Level:
         """The worst of all findings."""
         return worst(self.findings)
+
+    @property
+    def verdict(self) -> str:
+        """The level in words, with what could not be measured and matters."""
+        return verdict(self.findings)
 
     def lines(self, least: Level = Level.GREEN) -> list[str]:
         """The findings of at least this level as text, in order."""

@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image as Picture
 
 from neugrasp.doctor.capture import Capture
-from neugrasp.doctor.findings import Finding, Level, Limits, green, named
+from neugrasp.doctor.findings import Finding, Level, Limits, green, named, not_measured
 from neugrasp.doctor.problems import BACKGROUND_DIFFERS, EXCHANGED, MIRRORED, SAME_PHOTO, SHIFTED, SWAPPED
 from neugrasp.doctor.registration import Shift, shift_between, texture
 from neugrasp.doctor.shot import Plane, Shot, grey, shots_of
@@ -80,7 +80,7 @@ def _placed(capture: Capture, shots: list[Shot], shifts: list[Shift]) -> tuple[C
     if known:
         findings.append(_shifted(shots, shifts, known))
     elif not lost:
-        findings.append(green(ITEM, "too little texture on the table to tell a shift"))
+        findings.append(not_measured(ITEM, "too little texture on the table to tell a shift"))
     return capture, findings
 
 

@@ -143,6 +143,12 @@ TABLE_OFFSET = Problem(
     "Calibrate again (intrinsics, hand-eye), undistort the photos, and check that each photo was taken at"
     " rest",
 )
+POSES_UNCHECKED = Problem(
+    "Poses unchecked",
+    "Only what is printed or woven into the table tells whether the photos have it at the same place. On a plain one "
+    "errors of the hand-eye calibration go unseen until they are several degrees large.",
+    "Lay a patterned sheet or the board on the table once, take the backgrounds and run the doctor again",
+)
 LITTLE_SEEN = Problem(
     "The photos cut the cube off",
     "What fewer than two views see cannot be reconstructed.",

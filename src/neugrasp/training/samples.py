@@ -13,7 +13,7 @@ from neugrasp.geometry.sampling import CameraTensors
 from neugrasp.geometry.symmetry import Symmetry
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.inputs import ViewTensors, crop_view, to_tensor
-from neugrasp.training.change import change_labels
+from neugrasp.change import change_labels
 from neugrasp.views import View
 
 

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from neugrasp.model.network import NeuGrasp, Reconstruction
 from neugrasp.model.rendering import Rays, cut_to_workspace
-from neugrasp.training.change import TABLE
+from neugrasp.change import TABLE
 from neugrasp.training.config import TrainConfig
 from neugrasp.training.losses import (
     carving_loss,
