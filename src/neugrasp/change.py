@@ -81,6 +81,12 @@ def change_labels(image: Image, background: Image) -> NDArray[np.int8]:
     return labels
 
 
+def unchanged(image: Image, background: Image, largest: float = UNCHANGED) -> NDArray[np.bool_]:
+    """(h, w): where photos (h, w, 3) differ by less than `largest`, summed over RGB: not even by a shadow."""
+    difference = _over_colours(np.add, np.abs(image.astype(np.float32) - background.astype(np.float32)))
+    return np.asarray(ndimage.uniform_filter(difference / 255, 3) < largest)
+
+
 def _closed(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
     """The mask with gaps of up to twice the radius bridged: grown by the radius, then shrunk by it."""
     if not mask.any():

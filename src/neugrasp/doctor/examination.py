@@ -16,6 +16,7 @@ from neugrasp.doctor.light_checks import check_brightness, check_light, check_sh
 from neugrasp.doctor.pair_checks import check_pairs
 from neugrasp.doctor.problems import BACKGROUND_DIFFERS, MIRRORED, SHIFTED
 from neugrasp.doctor.shot import shots_of
+from neugrasp.doctor.silhouettes import check_silhouettes
 from neugrasp.doctor.table_checks import check_table
 
 MISPLACED = (BACKGROUND_DIFFERS, MIRRORED, SHIFTED)
@@ -93,6 +94,7 @@ def _look(capture: Capture) -> tuple[Capture, list[Finding]]:
     if paired:
         found = [*check_light(paired), *check_sharpness(paired)]
         findings += [_renumbered(finding, [shot.index for shot in paired]) for finding in found]
+        findings.append(check_silhouettes(paired, capture.views.workspace))
     return capture, [*findings, *check_brightness(shots)]
 
 

@@ -101,14 +101,14 @@ class Trial:
 
 def explanations(trial: Trial, is_far_off: bool) -> list[Explanation]:
     """All that were tried; the less likely ones only where the tables are far off."""
-    height = _height(trial)
+    height = best_height(trial)
     found = [height, *_lenses(trial)]
     if is_far_off:
         found += [*_tilt(trial, height), *_orders(trial), *_turns(trial)]
     return found
 
 
-def _height(trial: Trial) -> Explanation:
+def best_height(trial: Trial) -> Explanation:
     """The table elsewhere; refined to two millimetres around the best height."""
 
     def agreement(height: float) -> float:

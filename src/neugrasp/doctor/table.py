@@ -28,6 +28,10 @@ FINE, BROAD = 0.0015, 0.012
 """Metres: standard deviations between which differences of brightness are neither noise nor light."""
 SMALLEST_PART = 0.15
 """Share of the table that two views must both see to be compared."""
+UNQUESTIONED = 0.9
+"""Correlation from which on one shift says it all."""
+RELIABLE = 0.6
+"""Correlation from which on a measured shift is believed."""
 LEAST_CONTRAST = 0.004
 """Standard deviation of the table's texture, of 1, below which nothing can be compared."""
 
@@ -110,15 +114,26 @@ def mean_correlation(
 
 def agreements(pictures: Sequence[TablePicture]) -> list[Agreement]:
     """Of all pairs of views that can be compared."""
-    return [
-        Agreement(
-            i,
-            j,
-            correlation(pictures[i], pictures[j]) or 0.0,
-            shift_between(*_common(pictures[i], pictures[j])),
-        )
-        for i, j in comparable(pictures)
+    found = []
+    for i, j in comparable(pictures):
+        agreement = correlation(pictures[i], pictures[j]) or 0.0
+        one, two = _common(pictures[i], pictures[j])
+        shift = shift_between(one, two)
+        if agreement < UNQUESTIONED and (largest := _largest_shift(one, two)):
+            shift = max(shift, largest, key=lambda one: one.length)
+        found.append(Agreement(i, j, agreement, shift))
+    return found
+
+
+def _largest_shift(first: Array, second: Array) -> Shift | None:
+    """Of the quarters of two pictures the largest shift that is to be believed: a wrong scale leaves the
+    middle where it is and moves the rest."""
+    quarters = [
+        shift_between(a, b)
+        for halves in zip(np.array_split(first, 2), np.array_split(second, 2), strict=True)
+        for a, b in zip(*(np.array_split(half, 2, axis=1) for half in halves), strict=True)
     ]
+    return max((s for s in quarters if s.agreement > RELIABLE), key=lambda s: s.length, default=None)
 
 
 def _common(first: TablePicture, second: TablePicture) -> tuple[Array, Array]:

@@ -12,17 +12,15 @@ from neugrasp.doctor.explanations import Trial, explanations
 from neugrasp.doctor.findings import Finding, Level, Limits, green, not_measured
 from neugrasp.doctor.problems import POSES_UNCHECKED, TABLE_OFFSET
 from neugrasp.doctor.shot import shots_of
-from neugrasp.doctor.table import Agreement, agreements, table_pictures
+from neugrasp.doctor.table import RELIABLE, Agreement, agreements, table_pictures
 
 CERTAIN, AGREED = 0.9, 0.6
 """Correlations above which an explanation is certain, and above which a table counts as agreed upon."""
 EXPLAINED, REST = 0.8, 0.5
 """Correlation that an explanation must reach, and share of the disagreement that it may leave."""
 OFFSET = Limits(0.003, 0.015)
-"""Metres by which two photos may have the table apart, which is about as far as grasps will be off. Executed on
-packed glass and steel (docs/capture.md), nearly all hold up to 11 mm, three of four at 20 and one of six at 40."""
-RELIABLE = 0.6
-"""Correlation from which on a measured shift is believed."""
+"""Metres by which two photos may have the table apart, about as far as grasps will be off. Executed on packed
+glass and steel (docs/capture.md), all hold up to 11 mm, three of four at 20 and one of five at 40."""
 FAR = 0.02
 """Metres beyond which a shift is not believed of tables that agree unshifted."""
 HOPELESS = 0.2
@@ -32,8 +30,8 @@ HOPELESS = 0.2
 def check_table(capture: Capture, without: Collection[int] = ()) -> tuple[Capture, list[Finding]]:
     """Whether all photos show the same table at the same place; a capture with a certain mistake undone.
 
-    How far the photos have it apart decides about the level, whatever the cause. The backgrounds of the views in
-    `without` are known to be wrong and do not count; no explanation is sought then.
+    How far the photos have it apart decides about the level, whatever the cause. The backgrounds of the views
+    in `without` are known to be wrong and do not count; no explanation is sought then.
     """
     views, shots = capture.views, shots_of(capture.views)
     pairs = agreements(table_pictures(shots, views.workspace))
@@ -42,18 +40,18 @@ def check_table(capture: Capture, without: Collection[int] = ()) -> tuple[Captur
         why = "one view" if len(views) - len(without) < 2 else "too little texture on the table"
         return capture, [not_measured("table", why, POSES_UNCHECKED)]
     as_given = _as_given(pairs)
-    if as_given.level == Level.GREEN or without:
+    lowest = min(pair.correlation for pair in pairs)
+    if without or (as_given.level == Level.GREEN and lowest >= AGREED):
         return capture, [as_given]
     odd = _odd_view(pairs, len(views))
     trial = Trial(capture, shots, [(pair.first, pair.second) for pair in pairs], odd)
-    is_far_off = min(pair.correlation for pair in pairs) < AGREED
-    best = max(explanations(trial, is_far_off), key=lambda one: one.agreement)
+    best = max(explanations(trial, is_far_off=lowest < AGREED), key=lambda one: one.agreement)
     now = trial.agreement(shots)
     if best.agreement < EXPLAINED or 1 - best.agreement >= REST * (1 - now):
         where = () if odd is None or all(map(_is_agreed, pairs)) else (odd,)
         return capture, [replace(as_given, views=where)]
     text = f"{best.text}: the photos then agree by {best.agreement:.2f} of 1, as given by {now:.2f}"
-    level = as_given.level if all(map(_is_reliable, pairs)) else Level.RED
+    level = max(as_given.level, Level.YELLOW) if all(map(_is_reliable, pairs)) else Level.RED
     if level == Level.YELLOW:
         text += _consequence(_offset(pairs))
     finding = Finding("table", level, text, best.problem, best.views)

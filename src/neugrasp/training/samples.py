@@ -8,12 +8,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from neugrasp.change import change_labels
 from neugrasp.data.records import Record
 from neugrasp.geometry.sampling import CameraTensors
 from neugrasp.geometry.symmetry import Symmetry
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.inputs import ViewTensors, crop_view, to_tensor
-from neugrasp.change import change_labels
 from neugrasp.views import View
 
 

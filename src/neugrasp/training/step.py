@@ -6,9 +6,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from neugrasp.change import TABLE
 from neugrasp.model.network import NeuGrasp, Reconstruction
 from neugrasp.model.rendering import Rays, cut_to_workspace
-from neugrasp.change import TABLE
 from neugrasp.training.config import TrainConfig
 from neugrasp.training.losses import (
     carving_loss,
