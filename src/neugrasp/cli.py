@@ -61,7 +61,7 @@ class Demo:
 class Predict:
     """Photos of a scene in; grasps.json, surface.ply, tsdf.npz and overlay.png out.
 
-    The capture is examined first, as by `neugrasp doctor`; on red nothing is predicted.
+    The capture is examined first, quickly, by the doctor; on red nothing is predicted.
     """
 
     scene: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SCENE")]
@@ -78,6 +78,8 @@ class Predict:
     """Write report.html, too: the scene to turn, why candidates fell out, the doctor's verdict."""
     hand_check: bool = True
     """Send grasps as deep as the surface lets the hand, and drop those that it speaks against."""
+    examine: bool = False
+    """Let the doctor look at everything first, as `neugrasp doctor` does, not only at what takes no time."""
     force: bool = False
     """Predict even where the doctor says red."""
 
@@ -92,6 +94,7 @@ class Predict:
             threshold=self.threshold,
             with_report=self.report,
             hand_check=self.hand_check,
+            is_examined=self.examine,
             is_forced=self.force,
         )
         return predict(run)

@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from scipy import ndimage
 
-from neugrasp.geometry.workspace import Workspace
 from neugrasp.change import OBJECT, TABLE
+from neugrasp.geometry.workspace import Workspace
 from neugrasp.training.samples import drop_views, prepare_record, sample_of
 
 

@@ -88,7 +88,8 @@ def verdict(findings: Sequence[Finding]) -> str:
     """The level of the whole, and what stayed open: "green, but poses unchecked: no texture on the table"."""
     unknown = [f for f in findings if f.level == Level.GREY and f.problem is not None]
     words = [f"{f.problem.name[0].lower()}{f.problem.name[1:]}: {f.measured}" for f in unknown if f.problem]
-    return worst(findings).word + (", but " + "; ".join(words) if words else "")
+    level = worst(findings)
+    return level.word + (", but " + "; ".join(words) if words and level != Level.RED else "")
 
 
 @dataclass(frozen=True)

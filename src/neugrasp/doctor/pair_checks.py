@@ -28,7 +28,7 @@ STRIDE = 2
 OTHERS = 0.6
 """Difference to the background of another view, over that to its own, below which an image is its. Good
 captures, on plain tables too, measure 1.6 and more."""
-QUANTUM = 1.0
+QUANTUM = 0.5
 """Of 765: below it, differences are rounding."""
 MORE_AGREED = 0.05
 """Correlation by which images must agree better about the table than backgrounds to be taken for them."""
@@ -38,11 +38,8 @@ ITEM = "background"
 
 def check_pairs(capture: Capture) -> tuple[Capture, list[Finding]]:
     """Findings on all pairs, and the capture with exchanged or swapped photos put right."""
-    views = capture.views.views
-    same = [i for i, view in enumerate(views) if np.array_equal(view.image, view.background)]
-    if same:
-        text = "image and background are equal"
-        return capture, [Finding(ITEM, Level.RED, text, SAME_PHOTO, named(same, len(views)))]
+    if same := check_equal(capture):
+        return capture, same
     shots = shots_of(capture.views)
     shifts = [shift_between(grey(shot.image), grey(shot.background)) for shot in shots]
     capture, findings = _placed(capture, shots, shifts)
@@ -53,6 +50,14 @@ def check_pairs(capture: Capture) -> tuple[Capture, list[Finding]]:
         turned = [replace(view, image=view.background, background=view.image) for view in capture.views.views]
         capture = replace(capture.with_views(turned), exchanged=not capture.exchanged)
     return capture, findings
+
+
+def check_equal(capture: Capture) -> list[Finding]:
+    """Red where an image is its own background; nothing to say otherwise."""
+    views = capture.views.views
+    same = [i for i, view in enumerate(views) if np.array_equal(view.image, view.background)]
+    text = "image and background are equal"
+    return [Finding(ITEM, Level.RED, text, SAME_PHOTO, named(same, len(views)))] if same else []
 
 
 def _exchanged(shots: list[Shot], capture: Capture) -> str:
@@ -142,13 +147,12 @@ def _foreign(
 
 def _owners(views: Sequence[View]) -> dict[int, int]:
     """For each view whose image is far more like the background of another view than its own, that view."""
-    owner = {}
-    for i, view in enumerate(views):
-        unlike = [_unlikeness(view, other) for other in views]
-        best = int(np.argmin(unlike))
-        if unlike[best] + QUANTUM < OTHERS * unlike[i]:
-            owner[i] = best
-    return owner
+    unlike = np.array([[_unlikeness(view, other) for other in views] for view in views])
+    best, least = unlike.argmin(axis=1), unlike.min(axis=1)
+    found = (least + QUANTUM < OTHERS * unlike.diagonal()) & (least <= 2 * np.median(least) + QUANTUM)
+    if found.any() and sorted(best) == list(range(len(views))):
+        found = best != np.arange(len(views))  # Each has one, so those that are less clear are settled, too.
+    return {int(i): int(best[i]) for i in np.flatnonzero(found)}
 
 
 def _unlikeness(view: View, other: View) -> float:

@@ -51,8 +51,13 @@ class Silhouette:
     """(h, w) pixels to the nearest one at which there may be an object; 0 there."""
 
 
-def check_silhouettes(shots: Sequence[Shot], workspace: Workspace) -> Finding:
-    """Whether the views agree about where objects are."""
+def check_silhouettes(shots: Sequence[Shot], workspace: Workspace, is_alike: bool) -> Finding:
+    """Whether the views agree about where objects are.
+
+    Unless images and backgrounds are alike in light, focus and surroundings, more than objects has changed.
+    """
+    if not is_alike:
+        return not_measured(ITEM, "images and backgrounds differ in more than the objects")
     silhouettes = [silhouette_of(shot, workspace) for shot in shots]
     seen = sum(len(s.objects) >= LEAST_PIXELS for s in silhouettes)
     if seen < 2:

@@ -11,14 +11,15 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from PIL import Image as Picture
 from scipy import ndimage
 
 from neugrasp.doctor.registration import Shift, shift_between
 from neugrasp.doctor.shot import Mask, Shot, grey
 from neugrasp.geometry.camera import Camera
-from neugrasp.geometry.pose import Array
+from neugrasp.geometry.pose import Array, inverse
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.views import Image
+from neugrasp.views import Image, Views
 
 STEP = 0.0015
 """Metres between the points of the table that are compared; about a pixel of the network."""
@@ -86,6 +87,26 @@ def table_picture(
 def table_pictures(shots: Sequence[Shot], workspace: Workspace, step: float = STEP) -> list[TablePicture]:
     """The tables of all shots."""
     return [table_picture(grey(s.background), s.camera, workspace, step) for s in shots]
+
+
+def coarse_pictures(views: Views) -> list[TablePicture]:
+    """The tables of all views from a few pixels of each: quickly, and enough to tell whether they agree."""
+    workspace = views.workspace
+    pixels = workspace.size / COARSE_STEP
+    pictures = []
+    for view in views.views:
+        camera = view.camera.moved(inverse(workspace.world_from_workspace))
+        crop = np.array(workspace.photo_box(camera)).reshape(2, 2)
+        factor = max(1, int((crop[1] - crop[0]).max() / pixels))
+        edges = np.array(camera.bounds).reshape(2, 2)
+        low = np.ceil(np.maximum(crop[0], edges[0]) + 0.5).astype(int)
+        size = (np.minimum(crop[1], edges[1]) + 0.5 - low).astype(int) // factor
+        (left, top), (right, bottom) = low.tolist(), (low + size * factor).tolist()
+        small = Picture.fromarray(view.background[top:bottom, left:right]).convert("L").reduce(factor)
+        box = (left - 0.5, top - 0.5, right - 0.5, bottom - 0.5)
+        reduced = camera.cropped_and_resized(box, small.width, small.height)
+        pictures.append(table_picture(np.asarray(small) / 255, reduced, workspace, COARSE_STEP))
+    return pictures
 
 
 def correlation(first: TablePicture, second: TablePicture) -> float | None:

@@ -10,12 +10,22 @@ import numpy as np
 from neugrasp.doctor.capture import Capture
 from neugrasp.doctor.explanations import Trial, explanations
 from neugrasp.doctor.findings import Finding, Level, Limits, green, not_measured
-from neugrasp.doctor.problems import POSES_UNCHECKED, TABLE_OFFSET
+from neugrasp.doctor.problems import POSES_UNCHECKED, TABLE_HEIGHT, TABLE_OFFSET, TABLE_TILTED
 from neugrasp.doctor.shot import shots_of
-from neugrasp.doctor.table import RELIABLE, Agreement, agreements, table_pictures
+from neugrasp.doctor.table import (
+    RELIABLE,
+    Agreement,
+    agreements,
+    coarse_pictures,
+    comparable,
+    correlation,
+    table_pictures,
+)
 
 CERTAIN, AGREED = 0.9, 0.6
 """Correlations above which an explanation is certain, and above which a table counts as agreed upon."""
+AGREED_COARSELY = 0.9
+"""Correlation of quick looks from which on nothing else is asked."""
 EXPLAINED, REST = 0.8, 0.5
 """Correlation that an explanation must reach, and share of the disagreement that it may leave."""
 OFFSET = Limits(0.003, 0.015)
@@ -37,26 +47,47 @@ def check_table(capture: Capture, without: Collection[int] = ()) -> tuple[Captur
     pairs = agreements(table_pictures(shots, views.workspace))
     pairs = [pair for pair in pairs if pair.first not in without and pair.second not in without]
     if not pairs:
-        why = "one view" if len(views) - len(without) < 2 else "too little texture on the table"
-        return capture, [not_measured("table", why, POSES_UNCHECKED)]
+        return capture, [_unknown(len(views) - len(without))]
     as_given = _as_given(pairs)
     lowest = min(pair.correlation for pair in pairs)
     if without or (as_given.level == Level.GREEN and lowest >= AGREED):
         return capture, [as_given]
     odd = _odd_view(pairs, len(views))
     trial = Trial(capture, shots, [(pair.first, pair.second) for pair in pairs], odd)
-    best = max(explanations(trial, is_far_off=lowest < AGREED), key=lambda one: one.agreement)
+    # What is wrong with all may show in one.
+    trials = [trial, replace(trial, odd=None)] if odd is not None else [trial]
+    found = [one for some in trials for one in explanations(some, is_far_off=lowest < AGREED)]
+    best = max(found, key=lambda one: one.agreement)
     now = trial.agreement(shots)
     if best.agreement < EXPLAINED or 1 - best.agreement >= REST * (1 - now):
         where = () if odd is None or all(map(_is_agreed, pairs)) else (odd,)
         return capture, [replace(as_given, views=where)]
     text = f"{best.text}: the photos then agree by {best.agreement:.2f} of 1, as given by {now:.2f}"
-    level = max(as_given.level, Level.YELLOW) if all(map(_is_reliable, pairs)) else Level.RED
-    if level == Level.YELLOW:
+    level = max(as_given.level, Level.YELLOW)
+    if best.is_grave or not all(map(_is_reliable, pairs)):
+        level = Level.RED
+    elif best.problem in (TABLE_HEIGHT, TABLE_TILTED):
         text += _consequence(_offset(pairs))
     finding = Finding("table", level, text, best.problem, best.views)
     is_certain = best.mended is not None and best.agreement >= CERTAIN
     return best.mended if is_certain and best.mended else capture, [finding]
+
+
+def check_table_quickly(capture: Capture) -> tuple[Capture, list[Finding]]:
+    """As `check_table`, which is asked where a quick look leaves doubts only."""
+    pictures = coarse_pictures(capture.views)
+    values = [correlation(pictures[i], pictures[j]) or 0.0 for i, j in comparable(pictures)]
+    if values and min(values) < AGREED_COARSELY:
+        return check_table(capture)
+    if not values:
+        return capture, [_unknown(len(capture.views))]
+    return capture, [green("table", f"the photos of the table agree by {np.mean(values):.2f} of 1")]
+
+
+def _unknown(count: int) -> Finding:
+    """Of so many views that cannot be compared."""
+    why = "too little texture on the table" if count > 1 else "fewer than two views to compare"
+    return not_measured("table", why, POSES_UNCHECKED)
 
 
 def _as_given(pairs: list[Agreement]) -> Finding:
@@ -68,14 +99,14 @@ def _as_given(pairs: list[Agreement]) -> Finding:
         text += f", at most {1000 * offset:.1f} mm apart"
     else:
         level = max(Level.RED if mean < HOPELESS else Level.YELLOW, OFFSET.level(offset))
-        text += f" only; up to {1000 * offset:.0f} mm apart" if offset else " only"
+        text += " only"
     if level == Level.GREEN:
         return green("table", text)
-    return Finding("table", level, text + (_consequence(offset) if offset else ""), TABLE_OFFSET)
+    return Finding("table", level, text + _consequence(offset), TABLE_OFFSET)
 
 
 def _consequence(offset: float) -> str:
-    return f"; grasps will be off by about {1000 * offset:.0f} mm"
+    return f"; grasps may be off by {1000 * offset:.0f} mm" if offset > OFFSET.yellow else ""
 
 
 def _is_reliable(pair: Agreement) -> bool:

@@ -10,8 +10,7 @@ from neugrasp.data.scene_folder import read_scene
 from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.detection.explanation import explain
-from neugrasp.doctor.capture import Capture
-from neugrasp.doctor.examination import Diagnosis, examine
+from neugrasp.doctor.examination import Diagnosis, examine_read
 from neugrasp.doctor.findings import Level
 from neugrasp.errors import InputError
 from neugrasp.export import write_prediction
@@ -39,6 +38,8 @@ class PredictRun:
     hand_check: bool = True
     """Whether grasps go as deep as the surface lets the hand, and are dropped where it would meet it or close
     on nothing."""
+    is_examined: bool = False
+    """Whether the doctor looks at everything; otherwise at what costs little and decides."""
     is_forced: bool = False
     """Whether to predict even where the doctor says red."""
 
@@ -49,7 +50,7 @@ def predict(run: PredictRun) -> str:
     Raises `InputError` where the doctor finds the capture unusable, with what to do.
     """
     views = read_scene(run.scene)
-    diagnosis = examine(Capture.of(views))
+    diagnosis = examine_read(views, run.is_examined)
     _check(run, diagnosis)
     detector = NeuGraspDetector.load(
         run.weights, run.gripper, threshold=run.threshold, hand_check=run.hand_check
