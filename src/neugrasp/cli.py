@@ -24,8 +24,7 @@ from neugrasp.viewer.command import Viewer
 if TYPE_CHECKING:
     from neugrasp.detection.detector import Detection
 
-ROW = "{:<24} {:>6} {:>6} {:>8} {:>8}  {}"
-"""Of the demo's table."""
+ROW = "{:<24} {:>6} {:>6} {:>8} {:>8}  {}"  # Of the demo's table.
 Folder = Annotated[Path, tyro.conf.arg(metavar="DIR")]
 
 
@@ -59,10 +58,8 @@ class Demo:
 
 @dataclass(frozen=True)
 class Predict:
-    """Photos of a scene in; grasps.json, surface.ply, tsdf.npz and overlay.png out.
-
-    The capture is examined first, quickly, by the doctor; on red nothing is predicted.
-    """
+    """Photos of a scene in; grasps.json, surface.ply, tsdf.npz and overlay.png out. The doctor takes a quick
+    look first; on red nothing is predicted."""
 
     scene: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SCENE")]
     """A scene folder: scene.json, images/, backgrounds/ (docs/data_format.md)."""
@@ -79,7 +76,7 @@ class Predict:
     hand_check: bool = True
     """Send grasps as deep as the surface lets the hand, and drop those that it speaks against."""
     examine: bool = False
-    """Let the doctor look at everything first, as `neugrasp doctor` does, not only at what takes no time."""
+    """Let the doctor look at everything first, as `neugrasp doctor` does."""
     force: bool = False
     """Predict even where the doctor says red."""
 

@@ -102,6 +102,15 @@ def test_backgrounds_of_nowhere_are_red(good: Views, spoil: Callable[[View], Vie
     assert examine(Capture.of(each(spoil, only)(good))).level == Level.RED
 
 
+def test_a_background_of_another_table_is_not_taken_for_that_of_another_view():
+    good, other = bundled("packed_transparent"), bundled("pile_specular")
+    views = list(good.views)
+    views[2] = replace(views[2], background=other.views[2].background)
+    diagnosis = examine(Capture.of(replace(good, views=tuple(views))))
+    assert diagnosis.level == Level.RED
+    assert SWAPPED.name not in problems_of(diagnosis, Level.RED)
+
+
 @pytest.mark.parametrize("spoil", [other_table, blank, cut_out])
 def test_a_single_view_with_a_background_of_nowhere_is_red(good: Views, spoil: Callable[[View], View]):
     assert examine(Capture.of(replace(good, views=(spoil(good.views[0]),)))).level == Level.RED

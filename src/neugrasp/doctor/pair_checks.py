@@ -150,6 +150,7 @@ def _owners(views: Sequence[View]) -> dict[int, int]:
     unlike = np.array([[_unlikeness(view, other) for other in views] for view in views])
     best, least = unlike.argmin(axis=1), unlike.min(axis=1)
     found = (least + QUANTUM < OTHERS * unlike.diagonal()) & (least <= 2 * np.median(least) + QUANTUM)
+    found &= np.bincount(best)[best] == 1  # No background belongs to two views.
     if found.any() and sorted(best) == list(range(len(views))):
         found = best != np.arange(len(views))  # Each has one, so those that are less clear are settled, too.
     return {int(i): int(best[i]) for i in np.flatnonzero(found)}

@@ -31,12 +31,9 @@ HEIGHT = 0.2
 """Metres above the table up to which objects are expected."""
 SHARE = 0.99
 """Of the pixels, best first, the worst of which counts: what is left may be noise."""
-EMPTY = 0.1
-"""Summed over RGB in [0, 1]: what changes more is not called empty. It is a soft shadow, most often, which is
-table in one view and something else in the next."""
-FAILURE = Limits(3.0, 6.0)
-"""Pixels of the network's crop by which the silhouettes would have to grow to agree. Fifteen good captures
-measure 0 to 2; with cameras turned by 4 degrees about the photo's upright axis 4 to 19 (docs/capture.md)."""
+FAILURE = Limits(2.0, 5.0)
+"""Pixels of the network's crop by which silhouettes would have to grow to agree; good captures measure 0
+(docs/capture.md)."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +73,8 @@ def silhouette_of(shot: Shot, workspace: Workspace) -> Silhouette:
     photos = [(photo[part] * 255).round().astype(np.uint8) for photo in (shot.image, shot.background)]
     labels = change_labels(photos[0], photos[1])
     empty = np.zeros((height, width), dtype=bool)
-    empty[part] = (labels == TABLE) & unchanged(photos[0], photos[1], EMPTY)
-    # Specks are noise.
+    empty[part] = (labels == TABLE) & unchanged(photos[0], photos[1])
+    # Soft shadows are table in one view and something else in the next; specks are noise.
     empty[part] = ~ndimage.binary_opening(~empty[part], np.ones((3, 3)))
     rows, columns = np.nonzero(labels == OBJECT)
     chosen = np.random.default_rng(0).permutation(len(rows))[:PIXELS]

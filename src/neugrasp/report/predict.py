@@ -71,10 +71,11 @@ def predict(run: PredictRun) -> str:
 
 
 def _check(run: PredictRun, diagnosis: Diagnosis) -> None:
-    """Warns of what is yellow; raises `InputError` on red unless forced."""
+    """Warns of what is yellow, or was not measured and matters; raises `InputError` on red unless forced."""
     red = diagnosis.lines(Level.RED)
     if red and not run.is_forced:
         hint = f"`neugrasp doctor {run.scene} --report FILE.html` shows it, --force predicts all the same"
         raise InputError("\n".join([f"{run.scene}: the doctor says red; {hint}", *red]))
-    for line in diagnosis.lines(Level.YELLOW):
-        logger.warning("%s", line)
+    for finding in diagnosis.findings:
+        if finding.problem is not None:
+            logger.warning("%s", finding.line())
