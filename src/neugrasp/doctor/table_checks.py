@@ -30,7 +30,7 @@ EXPLAINED, REST = 0.8, 0.5
 """Correlation that an explanation must reach, and share of the disagreement that it may leave."""
 OFFSET = Limits(0.003, 0.015)
 """Metres by which two photos may have the table apart, about as far as grasps will be off. Executed on packed
-glass and steel (docs/capture.md), all hold up to 11 mm, three of four at 20 and one of five at 40."""
+glass and steel (docs/capture.md), nearly all hold up to 11 mm, four of five at 20, two of five at 40."""
 FAR = 0.02
 """Metres beyond which a shift is not believed of tables that agree unshifted."""
 HOPELESS = 0.2
