@@ -17,8 +17,6 @@ import argparse
 import json
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -28,139 +26,25 @@ from PIL import Image as Picture
 from PIL import ImageDraw
 from scipy.spatial import cKDTree
 
+from judge import NUM_POINTS, Judge
+from measured import Meshes, RealScene, Thing
 from neugrasp.baselines.vgn import VgnDetector, load_vgn_head
-from neugrasp.data.scene_folder import read_scene
 from neugrasp.detection.detector import Detection, NeuGraspDetector
-from neugrasp.errors import InputError, require
-from neugrasp.evaluation.protocols import protocol_of
+from neugrasp.errors import InputError
 from neugrasp.geometry.fusion import fuse
-from neugrasp.geometry.pose import Array, apply, from_quaternion, inverse, to_quaternion
+from neugrasp.geometry.pose import Array, inverse
 from neugrasp.geometry.surface import Surface, surface_of
-from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
 from neugrasp.long_runs import source_commit
 from neugrasp.metrics import wilson_interval
 from neugrasp.pictures import draw_grasps, photo_of_workspace
 from neugrasp.pictures.shading import free_where_unseen
-from neugrasp.robot.pick import pick
-from neugrasp.robot.simulated import SimulatedRobot
-from neugrasp.simulation.meshes import Mesh, merged, read_obj, write_obj
-from neugrasp.simulation.objects import ObjectModel, triple
-from neugrasp.simulation.physics import World
-from neugrasp.simulation.quiet import quiet
-from neugrasp.simulation.scene import Body, Scene
-from neugrasp.simulation.surface import visible_surface
-from neugrasp.views import DepthView, DepthViews, Views
+from neugrasp.views import DepthViews
 
 FORMATTER = argparse.RawDescriptionHelpFormatter
 ABOVE_TABLE = 0.0075
 """Metres from which on a surface is an object's: a voxel."""
-NUM_POINTS = 60_000
-MASS = 0.1
-"""Kilograms; the objects were not weighed."""
-LIFT = 0.00025
-"""Metres by which objects are raised at once until those that were measured into each other are free."""
-TOUCHING = 0.0012
-"""Metres by which bodies may overlap that rest on each other: the engine puts 1 mm around its shapes."""
-ROUND = 0.1
-"""An object whose two smaller extents differ by less than this share stands about an axis."""
-
-
-class Meshes:
-    """The measured meshes as objects of the simulation; every concave one becomes several convex parts."""
-
-    def __init__(self, source: Path, folder: Path):
-        self._source, self._folder = source, folder
-        self._models: dict[str, ObjectModel] = {}
-
-    def mesh(self, name: str) -> Mesh:
-        """Faces turned outwards. Raises `InputError` where there is no such mesh."""
-        mesh = merged(read_obj(self._source / f"{name}.obj"))
-        volume, _ = mesh.volume_and_centroid()
-        return Mesh(mesh.vertices, mesh.faces if volume > 0 else mesh.faces[:, ::-1])
-
-    def model(self, object_set: str, name: str) -> ObjectModel:
-        """Its mass and friction are assumed."""
-        if name not in self._models:
-            mesh = self.mesh(name)
-            visual, convex = self._folder / f"{name}.obj", self._folder / f"{name}_convex.obj"
-            write_obj(visual, (mesh,))
-            with quiet():
-                pybullet = require("pybullet", extra="sim")
-                pybullet.vhacd(str(visual), str(convex), str(self._folder / "vhacd.log"))
-            self._models[name] = ObjectModel(
-                name, visual, (convex,), MASS, centre_of_mass=triple(mesh.middle)
-            )
-        return self._models[name]
-
-
-@dataclass(frozen=True)
-class Thing:
-    """One measured object."""
-
-    name: str
-    workspace_from_object: Array
-    mesh: Mesh
-
-    @property
-    def body(self) -> Body:
-        """As the simulation knows it."""
-        x, y, z = self.workspace_from_object[:3, 3].tolist()
-        qx, qy, qz, qw = to_quaternion(self.workspace_from_object).tolist()
-        return Body("real", self.name, 1.0, (x, y, z), (qx, qy, qz, qw))
-
-    @cached_property
-    def vertices(self) -> Array:
-        """(n, 3), workspace frame, metres."""
-        return apply(self.workspace_from_object, self.mesh.vertices)
-
-    @cached_property
-    def axis(self) -> tuple[Array, Array] | None:
-        """A point and a unit vector, workspace frame, of something round; None of anything else."""
-        order = np.argsort(self.mesh.extents)
-        small, middle, _ = self.mesh.extents[order]
-        if middle / small - 1 > ROUND:
-            return None
-        return apply(self.workspace_from_object, self.mesh.middle), self.workspace_from_object[:3, order[2]]
-
-    def from_axis(self, points: Array) -> Array:
-        """Vectors (n, 3) to points (n, 3) from the axis, at right angles to it, metres."""
-        assert self.axis is not None
-        offset = points - self.axis[0]
-        return np.asarray(offset - (offset @ self.axis[1])[:, None] * self.axis[1])
-
-
-@dataclass(frozen=True)
-class RealScene:
-    """A photographed scene and what was measured in it."""
-
-    name: str
-    views: Views
-    things: tuple[Thing, ...]
-    depths: tuple[Path, ...]
-
-    @classmethod
-    def read(cls, folder: Path, meshes: Meshes) -> RealScene:
-        """Raises `InputError` where scene, truth or meshes are missing."""
-        views = read_scene(folder)
-        workspace_from_world = inverse(views.workspace.world_from_workspace)
-        try:
-            entries = json.loads((folder / "ground_truth.json").read_text(encoding="utf-8"))["objects"]
-            things = tuple(
-                Thing(e["id"], workspace_from_world @ np.array(e["world_from_object"]), meshes.mesh(e["id"]))
-                for e in entries
-            )
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise InputError(f"{folder}/ground_truth.json: needs 'objects' with poses ({error!r})") from error
-        depths = tuple(folder / "depth" / f"{i}.png" for i in range(len(views)))
-        return cls(folder.name, views, things, depths if all(map(Path.is_file, depths)) else ())
-
-    def depth_views(self) -> DepthViews:
-        """What the depth camera measured."""
-        images = [np.asarray(Picture.open(path), dtype=np.float32) / 1000 for path in self.depths]
-        pairs = zip(images, self.views.views, strict=True)
-        return DepthViews(tuple(DepthView(d, v.camera) for d, v in pairs), self.views.workspace)
 
 
 def fused_surface(depths: DepthViews) -> Surface:
@@ -211,81 +95,6 @@ def _height_error(thing: Thing, found: Array, truth: Array) -> float | None:
         inside = points[np.linalg.norm(thing.from_axis(points), axis=1) < near]
         tops.append(float(np.quantile(inside[:, 2], 0.98)) if len(inside) else None)
     return None if tops[0] is None or tops[1] is None else 1000 * (tops[0] - tops[1])
-
-
-class Judge:
-    """Measured meshes in physics, on a table where the lowest of them stands."""
-
-    def __init__(self, scene: RealScene, meshes: Meshes, gripper: Gripper):
-        self.scene = scene
-        lowest = min(float(thing.vertices[:, 2].min()) for thing in scene.things)
-        self.world = World(
-            Workspace(table_height=min(lowest, scene.views.workspace.table_height)), meshes, gripper
-        )
-        self.world.reset(Scene("packed", 0, tuple(thing.body for thing in scene.things)))
-        self.truth = visible_surface(self.world, np.random.default_rng(0), NUM_POINTS).points
-        self.laid, self.lifted_mm = self._freed()
-        self.settled_mm = self._settled()
-
-    def _freed(self) -> tuple[Scene, list[float]]:
-        """The objects, raised where they were measured into each other, and by how many millimetres."""
-        self.world.clear()
-        bodies, lifted = [], []
-        for thing in sorted(self.scene.things, key=lambda thing: float(thing.vertices[:, 2].min())):
-            body, (x, y, z) = thing.body, thing.body.position
-            index = self.world.add(body)
-            self.world.detect_collisions()
-            while self._overlap(index) > TOUCHING:
-                body = replace(body, position=(x, y, body.position[2] + LIFT))
-                self.world.place(index, body)
-                self.world.detect_collisions()
-            bodies.append(body)
-            lifted.append(1000 * (body.position[2] - z))
-        return Scene("packed", 0, tuple(bodies)), lifted
-
-    def _overlap(self, index: int) -> float:
-        """Metres by which a body reaches into another one or into the table; `World` says only whether it is
-        near them."""
-        client, placed = self.world._client, self.world._placed[index]
-        return max((-contact[8] for contact in client.getContactPoints(placed.uid)), default=0.0)
-
-    def _settled(self) -> list[float]:
-        """Millimetres by which each object moves when it is let go."""
-        self.world.reset(self.laid)
-        self.world.rest()
-        middle = {thing.name: thing.mesh.middle for thing in self.scene.things}
-        pairs = zip(self.laid.bodies, self.world.bodies(), strict=True)
-        places = [[apply(_pose(body), middle[body.name]) for body in pair] for pair in pairs]
-        return [1000 * float(np.linalg.norm(before - after)) for before, after in places]
-
-    def grasp(self, grasp: Grasp) -> dict[str, Any]:
-        """What comes of a grasp (workspace frame), and where it is."""
-        robot = SimulatedRobot(self.world, self.laid)
-        opening = protocol_of("paper").min_opening * robot.max_opening
-        reason = pick(robot, robot, grasp, opening, np.array([0.0, 0.0, 1.0])).reason
-        return {
-            "score": grasp.score,
-            "width_mm": 1000 * grasp.width,
-            **self._off_axis(grasp),
-            "tilt_deg": float(np.rad2deg(np.arccos(np.clip(-grasp.approach[2], -1, 1)))),
-            "reason": reason,
-        }
-
-    def _off_axis(self, grasp: Grasp) -> dict[str, Any]:
-        """The nearest round object, and millimetres from its axis, in all and along the closing."""
-        rounds = [(i, thing) for i, thing in enumerate(self.scene.things) if thing.axis]
-        if not rounds:
-            return {}
-        number, thing = min(
-            rounds, key=lambda one: float(np.linalg.norm(one[1].from_axis(grasp.position[None])))
-        )
-        offset = 1000 * thing.from_axis(grasp.position[None])[0]
-        sideways = abs(float(offset @ grasp.pose[:3, 1]))
-        return {"object": number, "off_axis_mm": float(np.linalg.norm(offset)), "sideways_mm": sideways}
-
-
-def _pose(body: Body) -> Array:
-    return from_quaternion(body.quaternion_xyzw, body.position)
 
 
 def judged(judge: Judge, surface: Surface, detection: Detection) -> dict[str, Any]:

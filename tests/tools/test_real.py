@@ -22,7 +22,9 @@ from neugrasp.views import View, Views
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
-from real import Judge, Meshes, RealScene, surface_errors, table_of
+from judge import Judge
+from measured import Meshes, RealScene
+from real import surface_errors, table_of
 
 pytest.importorskip("pybullet")
 
