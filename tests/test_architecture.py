@@ -21,7 +21,7 @@ LAYERS = [
     {"output", "terminal"},
     {"geometry", "long_runs"},
     {"views", "grasp", "gripper"},
-    {"metrics", "pictures", "kernels"},
+    {"metrics", "pictures", "change", "kernels"},
     {"model", "simulation", "data"},
     {"detection", "training", "baselines", "doctor", "importers"},
     {"robot"},

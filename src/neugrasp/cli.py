@@ -32,8 +32,7 @@ except KeyboardInterrupt:
 if TYPE_CHECKING:
     from neugrasp.detection.detector import Detection
 
-ROW = "{:<24} {:>6} {:>6} {:>8} {:>8}  {}"
-"""Of the demo's table."""
+ROW = "{:<24} {:>6} {:>6} {:>8} {:>8}  {}"  # Of the demo's table.
 Folder = Annotated[Path, tyro.conf.arg(metavar="DIR")]
 
 
@@ -67,10 +66,8 @@ class Demo:
 
 @dataclass(frozen=True)
 class Predict:
-    """Photos of a scene in; grasps.json, surface.ply, tsdf.npz and overlay.png out.
-
-    The capture is examined first, as by `neugrasp doctor`; on red nothing is predicted.
-    """
+    """Photos of a scene in; grasps.json, surface.ply, tsdf.npz and overlay.png out. The doctor takes a quick
+    look first; on red nothing is predicted."""
 
     scene: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SCENE")]
     """A scene folder: scene.json, images/, backgrounds/ (docs/data_format.md)."""
@@ -86,6 +83,8 @@ class Predict:
     """Write report.html, too: the scene to turn, why candidates fell out, the doctor's verdict."""
     hand_check: bool = True
     """Send grasps as deep as the surface lets the hand, and drop those that it speaks against."""
+    examine: bool = False
+    """Let the doctor look at everything first, as `neugrasp doctor` does."""
     force: bool = False
     """Predict even where the doctor says red."""
 
@@ -100,6 +99,7 @@ class Predict:
             threshold=self.threshold,
             with_report=self.report,
             hand_check=self.hand_check,
+            is_examined=self.examine,
             is_forced=self.force,
         )
         return predict(run)

@@ -274,7 +274,7 @@ CASES = [
         "the cube tilted by 4 degrees",
         cube(lambda p: p @ turned((1, 0, 0), 4)),
         problems.TABLE_TILTED,
-        RED,
+        YELLOW,
         (),
         True,
         0.004,

@@ -13,10 +13,16 @@ FILE = Path(__file__).parents[2] / "docs/troubleshooting.md"
 COMMAND = "UPDATE_DOCS=1 pytest -m slow tests/doctor/test_broken_captures.py"
 HEAD = f"""# Troubleshooting
 
-`neugrasp doctor SCENE` examines a capture and says green, yellow or red for each item, with the measured
-value and what to do. `--report FILE.html` draws the cube and the table into every photo, `--fix OUT` writes a
-corrected copy where the cause is certain. It ends with 1 on red. `neugrasp predict` examines first, too, and
-refuses on red unless `--force` is given.
+`neugrasp doctor SCENE` examines a capture and says for each item, with the measured value and what to do:
+green, yellow (grasps will be worse), red (grasps fail), or grey: it could not be measured. Grey makes no
+verdict worse, but is named in it where it matters: `green, but poses unchecked: too little texture on the
+table`. `--report FILE.html` draws the cube and the table into every photo, `--fix OUT` writes a corrected
+copy where the cause is certain and the copy is better. It ends with 1 on red alone.
+
+`neugrasp predict` takes a quick look first, at what costs little and decides: conventions, units, intrinsics,
+coverage, rotation tags, equal photos, and whether the photos agree about the table. It refuses on red unless
+`--force` is given; with `--examine` everything is looked at.
+[capture.md](capture.md#how-exact-poses-must-be) says where yellow and red lie.
 
 This page is written by `{COMMAND}`; without the variable the
 same test checks it.

@@ -134,7 +134,7 @@ def test_predict_refuses_on_red_unless_forced(
     found: None, bad_and_good: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     bad, _ = bad_and_good
-    arguments = ["predict", str(bad), "--out", str(tmp_path / "out")]
+    arguments = ["predict", str(bad), "--out", str(tmp_path / "out"), "--examine"]
     assert cli.main(arguments) == 2
     error = capsys.readouterr().err
     assert "the doctor says red" in error

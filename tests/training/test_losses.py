@@ -8,10 +8,10 @@ import torch
 from scipy.spatial.transform import Rotation
 from torch.testing import assert_close
 
+from neugrasp.change import OBJECT, TABLE, UNSURE
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.grasp_head import GraspVolume
 from neugrasp.model.rendering import Rays
-from neugrasp.training.change import OBJECT, TABLE, UNSURE
 from neugrasp.training.losses import (
     carving_loss,
     eikonal_loss,

@@ -6,9 +6,9 @@ import numpy as np
 import torch
 from scipy import ndimage
 
+from neugrasp.change import OBJECT, TABLE, change_labels
 from neugrasp.data.records import Record
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.training.change import OBJECT, TABLE, change_labels
 from neugrasp.training.samples import PreparedView, Sample, crop_views, drop_views, sample_of
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from neugrasp.change import change_labels
 from neugrasp.data.scene_folder import read_scene
 from neugrasp.demo import demo_scenes
 from neugrasp.detection.detector import NeuGraspDetector
@@ -16,7 +17,6 @@ from neugrasp.gripper import Gripper
 from neugrasp.model.config import ModelConfig
 from neugrasp.model.inputs import prepare
 from neugrasp.model.network import NeuGrasp
-from neugrasp.training.change import change_labels
 from neugrasp.training.config import TrainConfig
 from neugrasp.training.recipes import paper, small
 from neugrasp.training.samples import GraspLabels, Photos, Sample, Truth

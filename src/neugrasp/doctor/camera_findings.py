@@ -132,7 +132,7 @@ def _seen(cameras: Sequence[Camera], views: Views) -> Finding:
     text = ", ".join(f"{share:.0f}" for share in shares) + " % of the cube seen by at least "
     text += ", ".join(str(n) for n in range(1, wanted + 1)) + (" views" if wanted > 1 else " view")
     enough = shares[min(1, wanted - 1)]
-    level = Level(int(enough < TWICE_SEEN[0]) + int(enough < TWICE_SEEN[1]))
+    level = Limits(-TWICE_SEEN[0], -TWICE_SEEN[1]).level(-enough)
     each = [float(in_view(camera, points).mean()) for camera in cameras]
     poor = tuple(i for i, share in enumerate(each) if 100 * share < TWICE_SEEN[0])
     if level == Level.GREEN and not poor:
@@ -167,7 +167,7 @@ def _angles(cameras: Sequence[Camera], views: Views) -> list[Finding]:
     base = max(float(np.linalg.norm(cameras[i].centre - cameras[j].centre)) for i, j in pairs)
     largest = max(pairs.values())
     text = f"{min(pairs.values()):.0f} to {largest:.0f} degrees between views, {base:.2f} m apart at most"
-    level = Level(int(largest < ANGLE[0]) + int(largest < ANGLE[1]))
+    level = Limits(-ANGLE[0], -ANGLE[1]).level(-largest)
     if level != Level.GREEN:
         return [Finding("angles", level, text, NO_BASELINE)]
     equal = [pair for pair, angle in pairs.items() if angle < 1]

@@ -82,9 +82,7 @@ def read_capture(path: Path) -> Reading:
     capture = (
         Capture(Views(tuple(views), workspace), tuple(numbers), tuple(range(len(views)))) if views else None
     )
-    if turned := _turned(file.parent, entries, numbers):
-        text = f"EXIF orientation is not 1 in {', '.join(turned)}"
-        findings.append(Finding("rotation tag", Level.YELLOW, text, ROTATION_TAG))
+    findings += _turned(file.parent, [entries[number] for number in numbers])
     return Reading(capture, tuple(findings), data, mended=data != written)
 
 
@@ -144,12 +142,17 @@ def _sizes(views: list[View]) -> str:
     return f"{2 * len(views)} photos, " + ", ".join(f"{width} x {height}" for width, height in sizes)
 
 
-def _turned(folder: Path, entries: list[Any], numbers: list[int]) -> list[str]:
+def rotation_tags(folder: Path) -> list[Finding]:
+    """Of the photos of a readable scene."""
+    return _turned(folder, read_json(folder / FILE)["views"])
+
+
+def _turned(folder: Path, entries: list[Any]) -> list[Finding]:
     """The photos whose file says that they are to be shown turned."""
-    names = [entries[number][key] for number in numbers for key in ("image", "background")]
     turned = []
-    for name in names:
+    for name in (entry[key] for entry in entries for key in ("image", "background")):
         with Picture.open(folder / name) as picture:
             if picture.getexif().get(ORIENTATION_TAG, 1) != 1:
                 turned.append(name)
-    return turned
+    text = f"EXIF orientation is not 1 in {', '.join(turned)}"
+    return [Finding("rotation tag", Level.YELLOW, text, ROTATION_TAG)] if turned else []

@@ -14,7 +14,8 @@ from neugrasp.output import whole_file
 class Doctor:
     """Checks a capture before anything is predicted: files, conventions, units, light, focus, what is seen.
 
-    One line for each item, green, yellow or red, with the measured value and what to do. Ends with 1 on red.
+    One line for each item with the measured value and what to do: green, yellow (worse grasps), red (grasps
+    fail) or grey (could not be measured). Ends with 1 on red.
     """
 
     scene: Path
@@ -39,11 +40,11 @@ class Doctor:
             with whole_file(self.report, inputs=[self.scene]) as part:
                 diagnosis = examine_folder(self.scene)
                 part.write_text(report(diagnosis, self.scene.name), encoding="utf-8")
-        lines = [*diagnosis.lines(), f"\n{self.scene}: {diagnosis.level.word}"]
+        lines = [*diagnosis.lines(), f"\n{self.scene}: {diagnosis.verdict}"]
         if self.report is not None:
             lines.append(str(self.report))
         if self.fix is not None:
             write_fixed(diagnosis, self.scene, self.fix)
             again = examine_folder(self.fix)
-            lines += [f"{self.fix}: {again.level.word}", *again.lines(Level.YELLOW)]
+            lines += [f"{self.fix}: {again.verdict}", *again.lines(Level.YELLOW)]
         return Verdict("\n".join(lines), 1 if diagnosis.level == Level.RED else 0)

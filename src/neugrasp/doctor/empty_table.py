@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 from scipy import ndimage
 
-from neugrasp.doctor.findings import Finding, Level, green
+from neugrasp.doctor.findings import Finding, Level, green, not_measured
 from neugrasp.doctor.problems import NOT_EMPTY
 from neugrasp.doctor.shot import Mask, shots_of
 from neugrasp.doctor.table import STEP, TablePicture, comparable, table_pictures
@@ -38,9 +38,12 @@ def check_empty_table(views: Views, without: Collection[int] = ()) -> Finding:
         for i, picture in enumerate(table_pictures(shots_of(views), views.workspace))
         if i not in without
     ]
+    unknown = not_measured(ITEM, "the views have too little of it in common to tell")
+    if not comparable(pictures):
+        return unknown
     agreed, disputed = _votes(pictures)
-    if not comparable(pictures) or agreed.sum() < TRUSTED * (agreed | disputed).sum():
-        return green(ITEM, "the views have too little of it in common to tell")
+    if agreed.sum() < TRUSTED * (agreed | disputed).sum():
+        return unknown
     labels, count = ndimage.label(ndimage.binary_opening(disputed, iterations=2))
     areas = ndimage.sum_labels(disputed, labels, np.arange(1, count + 1)) * STEP**2
     if count == 0 or areas.max() < LEAST_AREA:

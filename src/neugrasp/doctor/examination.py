@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from neugrasp.doctor.camera_findings import check_coverage, check_intrinsics
-from neugrasp.doctor.capture import Capture, Reading, read_capture
+from neugrasp.doctor.capture import Capture, Reading, read_capture, rotation_tags
 from neugrasp.doctor.convention import check_convention, plausible
 from neugrasp.doctor.empty_table import check_empty_table
-from neugrasp.doctor.findings import Finding, Level, worst
+from neugrasp.doctor.findings import Finding, Level, verdict, worst
 from neugrasp.doctor.light_checks import check_brightness, check_light, check_sharpness
-from neugrasp.doctor.pair_checks import check_pairs
+from neugrasp.doctor.pair_checks import check_equal, check_pairs
 from neugrasp.doctor.problems import BACKGROUND_DIFFERS, MIRRORED, SHIFTED
 from neugrasp.doctor.shot import shots_of
-from neugrasp.doctor.table_checks import check_table
+from neugrasp.doctor.silhouettes import check_silhouettes
+from neugrasp.doctor.table_checks import check_table, check_table_quickly
+from neugrasp.views import Views
 
+Look = Callable[[Capture], tuple[Capture, list[Finding]]]
+"""Checks of cameras that look at the cube, and the capture with certain mistakes undone."""
 MISPLACED = (BACKGROUND_DIFFERS, MIRRORED, SHIFTED)
 """Where a background was not taken by the camera of its view."""
 UNPAIRED = (BACKGROUND_DIFFERS, MIRRORED)
@@ -41,6 +45,11 @@ class Diagnosis:
         """The worst of all findings."""
         return worst(self.findings)
 
+    @property
+    def verdict(self) -> str:
+        """The level in words, with what could not be measured and matters."""
+        return verdict(self.findings)
+
     def lines(self, least: Level = Level.GREEN) -> list[str]:
         """The findings of at least this level as text, in order."""
         return [finding.line() for finding in self.findings if finding.level >= least]
@@ -56,14 +65,24 @@ def examine(capture: Capture) -> Diagnosis:
     return _examine(Reading(capture, ()))
 
 
-def _examine(reading: Reading) -> Diagnosis:
+def examine_read(views: Views, thoroughly: bool = False) -> Diagnosis:
+    """Of a scene as `read_scene` gave it, with what its files say.
+
+    By default by what costs next to nothing and decides: conventions, units, intrinsics, coverage, rotation
+    tags, equal photos, and whether the photos agree about the table.
+    """
+    reading = Reading(Capture.of(views), tuple(rotation_tags(Path(views.source))))
+    return _examine(reading, _look if thoroughly else _glance)
+
+
+def _examine(reading: Reading, look: Look | None = None) -> Diagnosis:
     findings = list(reading.findings)
     if reading.capture is None:
         return Diagnosis(tuple(findings), None, reading.data, False)
     capture, found = check_convention(reading.capture)
     findings += found
     if any(plausible(capture.views)):
-        capture, found = _look(capture)
+        capture, found = (look or _look)(capture)
         findings += found
     numbered = tuple(_numbered(finding, capture) for finding in findings)
     return Diagnosis(numbered, capture, reading.data, reading.mended or capture is not reading.capture)
@@ -88,7 +107,18 @@ def _look(capture: Capture) -> tuple[Capture, list[Finding]]:
     if paired:
         found = [*check_light(paired), *check_sharpness(paired)]
         findings += [_renumbered(finding, [shot.index for shot in paired]) for finding in found]
+        is_alike = worst(found) == Level.GREEN
+        findings.append(check_silhouettes(paired, capture.views.workspace, is_alike))
     return capture, [*findings, *check_brightness(shots)]
+
+
+def _glance(capture: Capture) -> tuple[Capture, list[Finding]]:
+    """The checks that are quick and decide."""
+    capture, findings = check_intrinsics(capture)
+    if same := check_equal(capture):
+        return capture, [*findings, *same]
+    capture, found = check_table_quickly(capture)
+    return capture, [*findings, *found, *check_coverage(capture.views)]
 
 
 def _numbered(finding: Finding, capture: Capture) -> Finding:

@@ -12,10 +12,12 @@ class Level(IntEnum):
 
     GREEN = 0
     """As it should be."""
-    YELLOW = 1
+    GREY = 1
+    """Not measured: the capture does not show what is needed."""
+    YELLOW = 2
     """A prediction is possible and will be worse."""
-    RED = 2
-    """A prediction would be meaningless."""
+    RED = 3
+    """Grasps would fail."""
 
     @property
     def word(self) -> str:
@@ -45,7 +47,7 @@ class Finding:
     measured: str
     """With units."""
     problem: Problem | None = None
-    """None where the level is green."""
+    """None where there is nothing to do."""
     views: tuple[int, ...] = ()
     """The views that are meant; none for all of them."""
 
@@ -71,9 +73,23 @@ def green(item: str, measured: str) -> Finding:
     return Finding(item, Level.GREEN, measured)
 
 
+def not_measured(item: str, why: str, problem: Problem | None = None) -> Finding:
+    """It could not be measured; `problem` where that leaves open whether grasps will hold."""
+    return Finding(item, Level.GREY, why, problem)
+
+
 def worst(findings: Sequence[Finding]) -> Level:
-    """The level of the whole."""
-    return max((finding.level for finding in findings), default=Level.GREEN)
+    """The level of the whole. What was not measured speaks neither for nor against it."""
+    levels = [finding.level for finding in findings if finding.level != Level.GREY]
+    return max(levels, default=Level.GREEN)
+
+
+def verdict(findings: Sequence[Finding]) -> str:
+    """The level of the whole, and what stayed open: "green, but poses unchecked: no texture on the table"."""
+    unknown = [f for f in findings if f.level == Level.GREY and f.problem is not None]
+    words = [f"{f.problem.name[0].lower()}{f.problem.name[1:]}: {f.measured}" for f in unknown if f.problem]
+    level = worst(findings)
+    return level.word + (", but " + "; ".join(words) if words and level != Level.RED else "")
 
 
 @dataclass(frozen=True)
@@ -96,7 +112,9 @@ class Limits:
 
     def level(self, value: float) -> Level:
         """Of a value that is better the smaller it is."""
-        return Level(int(value > self.yellow) + int(value > self.red))
+        if value > self.red:
+            return Level.RED
+        return Level.YELLOW if value > self.yellow else Level.GREEN
 
 
 def judged(

@@ -10,7 +10,7 @@ from typing import Any
 
 from neugrasp.data.scene_folder import FILE
 from neugrasp.doctor.capture import Capture
-from neugrasp.doctor.examination import Diagnosis
+from neugrasp.doctor.examination import Diagnosis, examine
 from neugrasp.doctor.findings import Level
 from neugrasp.errors import InputError
 
@@ -28,6 +28,12 @@ def write_fixed(diagnosis: Diagnosis, scene: Path, out: Path) -> None:
         raise InputError(
             f"{folder}: nothing was found that can be corrected with certainty; nothing was written"
         )
+    again = examine(diagnosis.capture)
+    if _badness(again) >= _badness(diagnosis):
+        raise InputError(
+            f"{folder}: the correction would be no better ({again.verdict}); nothing was written. "
+            f"{next(iter(again.lines(Level.YELLOW)), '')}"
+        )
     if out.exists() and any(out.iterdir()):
         raise InputError(f"{out}: is not empty; name a new folder for the corrected copy")
     data = _corrected(diagnosis, diagnosis.capture)
@@ -38,6 +44,12 @@ def write_fixed(diagnosis: Diagnosis, scene: Path, out: Path) -> None:
         shutil.copyfile(folder / name, target)
     # What makes the folder a scene comes last.
     (out / FILE).write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+
+
+def _badness(diagnosis: Diagnosis) -> tuple[int, ...]:
+    """How much is red and how much yellow: less is better."""
+    levels = [finding.level for finding in diagnosis.findings]
+    return levels.count(Level.RED), levels.count(Level.YELLOW)
 
 
 def _corrected(diagnosis: Diagnosis, capture: Capture) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy import ndimage
 
-from neugrasp.doctor.findings import Finding, Level, Limits, Problem, green, judged
+from neugrasp.doctor.findings import Finding, Level, Limits, Problem, green, judged, not_measured
 from neugrasp.doctor.light import Drift, different, drift_of
 from neugrasp.doctor.problems import (
     BLURRED,
@@ -65,7 +65,9 @@ def check_light(shots: Sequence[Shot]) -> list[Finding]:
     drifts = [drift_of(shot) for shot in shots]
     comparable = [i for i, drift in enumerate(drifts) if drift.compared >= COMPARED]
     if not comparable:
-        return [green("light", "image and background have too little in common to compare their light")]
+        return [
+            not_measured("light", "image and background have too little in common to compare their light")
+        ]
 
     def drift(item: str, value: Callable[[Drift], float], limits: Limits, problem: Problem) -> Finding:
         values = [abs(value(drifts[i])) if i in comparable else 0.0 for i in range(len(shots))]
@@ -122,7 +124,7 @@ def check_sharpness(shots: Sequence[Shot]) -> list[Finding]:
     details = [_details(shot) for shot in shots]
     known = [value for pair in details if pair is not None for value in pair]
     if not known:
-        return [green("sharpness", "too little texture to tell"), edges]
+        return [not_measured("sharpness", "too little texture to tell"), edges]
     usual = max(float(np.median(known)), SHARP)
     pairs = [max(pair) / max(min(pair), 1e-6) if pair else 1.0 for pair in details]
     views = [usual / max(min(pair), 1e-6) if pair else 1.0 for pair in details]

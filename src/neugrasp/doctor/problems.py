@@ -143,6 +143,18 @@ TABLE_OFFSET = Problem(
     "Calibrate again (intrinsics, hand-eye), undistort the photos, and check that each photo was taken at"
     " rest",
 )
+POSES_UNCHECKED = Problem(
+    "Poses unchecked",
+    "Only a pattern on the table tells to the millimetre whether the photos have it at the same place. On a "
+    "plain one, errors of the poses are seen from silhouettes only, when grasps are far off already.",
+    "Lay a patterned sheet or the board on the table once, take the backgrounds and run the doctor again",
+)
+SILHOUETTES = Problem(
+    "The silhouettes contradict each other",
+    "What changed in one photo would have to stand where another photo shows the empty table: poses, "
+    "intrinsics or the cube's place are off, or backgrounds belong to other views.",
+    "Check the hand-eye calibration, the intrinsics, and that each background belongs to its photo",
+)
 LITTLE_SEEN = Problem(
     "The photos cut the cube off",
     "What fewer than two views see cannot be reconstructed.",

@@ -37,7 +37,7 @@ def report(diagnosis: Diagnosis, name: str) -> str:
             sections.append(
                 section("The empty table from above, as each view has it", *_tables(shots, views))
             )
-    return page(f"Capture {name}: {diagnosis.level.word}", VERDICTS[diagnosis.level], sections)
+    return page(f"Capture {name}: {diagnosis.verdict}", VERDICTS[diagnosis.level], sections)
 
 
 def findings_table(findings: Sequence[Finding]) -> str:

@@ -11,14 +11,15 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from PIL import Image as Picture
 from scipy import ndimage
 
 from neugrasp.doctor.registration import Shift, shift_between
 from neugrasp.doctor.shot import Mask, Shot, grey
 from neugrasp.geometry.camera import Camera
-from neugrasp.geometry.pose import Array
+from neugrasp.geometry.pose import Array, inverse
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.views import Image
+from neugrasp.views import Image, Views
 
 STEP = 0.0015
 """Metres between the points of the table that are compared; about a pixel of the network."""
@@ -28,6 +29,10 @@ FINE, BROAD = 0.0015, 0.012
 """Metres: standard deviations between which differences of brightness are neither noise nor light."""
 SMALLEST_PART = 0.15
 """Share of the table that two views must both see to be compared."""
+UNQUESTIONED = 0.9
+"""Correlation from which on one shift says it all."""
+RELIABLE = 0.6
+"""Correlation from which on a measured shift is believed."""
 LEAST_CONTRAST = 0.004
 """Standard deviation of the table's texture, of 1, below which nothing can be compared."""
 
@@ -84,6 +89,26 @@ def table_pictures(shots: Sequence[Shot], workspace: Workspace, step: float = ST
     return [table_picture(grey(s.background), s.camera, workspace, step) for s in shots]
 
 
+def coarse_pictures(views: Views) -> list[TablePicture]:
+    """The tables of all views from a few pixels of each: quickly, and enough to tell whether they agree."""
+    workspace = views.workspace
+    pixels = workspace.size / COARSE_STEP
+    pictures = []
+    for view in views.views:
+        camera = view.camera.moved(inverse(workspace.world_from_workspace))
+        crop = np.array(workspace.photo_box(camera)).reshape(2, 2)
+        factor = max(1, int((crop[1] - crop[0]).max() / pixels))
+        edges = np.array(camera.bounds).reshape(2, 2)
+        low = np.ceil(np.maximum(crop[0], edges[0]) + 0.5).astype(int)
+        size = (np.minimum(crop[1], edges[1]) + 0.5 - low).astype(int) // factor
+        (left, top), (right, bottom) = low.tolist(), (low + size * factor).tolist()
+        small = Picture.fromarray(view.background[top:bottom, left:right]).convert("L").reduce(factor)
+        box = (left - 0.5, top - 0.5, right - 0.5, bottom - 0.5)
+        reduced = camera.cropped_and_resized(box, small.width, small.height)
+        pictures.append(table_picture(np.asarray(small) / 255, reduced, workspace, COARSE_STEP))
+    return pictures
+
+
 def correlation(first: TablePicture, second: TablePicture) -> float | None:
     """Of two pictures of the table where both see it, -1 to 1; None where there is too little to compare."""
     both = first.seen & second.seen
@@ -110,15 +135,26 @@ def mean_correlation(
 
 def agreements(pictures: Sequence[TablePicture]) -> list[Agreement]:
     """Of all pairs of views that can be compared."""
-    return [
-        Agreement(
-            i,
-            j,
-            correlation(pictures[i], pictures[j]) or 0.0,
-            shift_between(*_common(pictures[i], pictures[j])),
-        )
-        for i, j in comparable(pictures)
+    found = []
+    for i, j in comparable(pictures):
+        agreement = correlation(pictures[i], pictures[j]) or 0.0
+        one, two = _common(pictures[i], pictures[j])
+        shift = shift_between(one, two)
+        if agreement < UNQUESTIONED and (largest := _largest_shift(one, two)):
+            shift = max(shift, largest, key=lambda one: one.length)
+        found.append(Agreement(i, j, agreement, shift))
+    return found
+
+
+def _largest_shift(first: Array, second: Array) -> Shift | None:
+    """Of the quarters of two pictures the largest shift that is to be believed: a wrong scale leaves the
+    middle where it is and moves the rest."""
+    quarters = [
+        shift_between(a, b)
+        for halves in zip(np.array_split(first, 2), np.array_split(second, 2), strict=True)
+        for a, b in zip(*(np.array_split(half, 2, axis=1) for half in halves), strict=True)
     ]
+    return max((s for s in quarters if s.agreement > RELIABLE), key=lambda s: s.length, default=None)
 
 
 def _common(first: TablePicture, second: TablePicture) -> tuple[Array, Array]:

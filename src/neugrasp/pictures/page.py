@@ -27,7 +27,7 @@ tr:last-child td { border-bottom: none; }
 td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
 .badge { display: inline-block; border-radius: 20px; padding: 1px 12px; font-weight: 600; font-size: 13px; }
 .green { background: #dcf5e3; color: #14682f; } .yellow { background: #fff1c9; color: #7a5600; }
-.red { background: #fde0de; color: #a01d14; }
+.red { background: #fde0de; color: #a01d14; } .grey { background: #e8ebf0; color: #4a5365; }
 .remedy { color: #4a5365; } .meaning { color: #6a7283; font-size: 13.5px; }
 .pictures { display: grid; gap: 12px; grid-template-columns: repeat(auto-fill, minmax(var(--width), 1fr)); }
 figure { margin: 0; } figure img { width: 100%; display: block; border-radius: 6px; }
@@ -63,7 +63,7 @@ def section(heading: str, *body: str) -> str:
 
 
 def badge(word: str, colour: str) -> str:
-    """A word on a coloured ground: green, yellow or red."""
+    """A word on a coloured ground: green, grey, yellow or red."""
     return f'<span class="badge {text(colour)}">{text(word)}</span>'
 
 

@@ -10,8 +10,7 @@ from neugrasp.data.scene_folder import read_scene
 from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.detection.explanation import explain
-from neugrasp.doctor.capture import Capture
-from neugrasp.doctor.examination import Diagnosis, examine
+from neugrasp.doctor.examination import Diagnosis, examine_read
 from neugrasp.doctor.findings import Level
 from neugrasp.errors import InputError
 from neugrasp.export import FILES, write_prediction
@@ -39,6 +38,8 @@ class PredictRun:
     hand_check: bool = True
     """Whether grasps go as deep as the surface lets the hand, and are dropped where it would meet it or close
     on nothing."""
+    is_examined: bool = False
+    """Whether the doctor looks at everything; otherwise at what costs little and decides."""
     is_forced: bool = False
     """Whether to predict even where the doctor says red."""
 
@@ -50,7 +51,7 @@ def predict(run: PredictRun) -> str:
     """
     with whole_or_nothing(run.out, FILES) as part:
         views = read_scene(run.scene)
-        diagnosis = examine(Capture.of(views))
+        diagnosis = examine_read(views, run.is_examined)
         _check(run, diagnosis)
         detector = NeuGraspDetector.load(
             run.weights, run.gripper, threshold=run.threshold, hand_check=run.hand_check
@@ -69,10 +70,11 @@ def predict(run: PredictRun) -> str:
 
 
 def _check(run: PredictRun, diagnosis: Diagnosis) -> None:
-    """Warns of what is yellow; raises `InputError` on red unless forced."""
+    """Warns of what is yellow, or was not measured and matters; raises `InputError` on red unless forced."""
     red = diagnosis.lines(Level.RED)
     if red and not run.is_forced:
         hint = f"`neugrasp doctor {run.scene} --report FILE.html` shows it, --force predicts all the same"
         raise InputError("\n".join([f"{run.scene}: the doctor says red; {hint}", *red]))
-    for line in diagnosis.lines(Level.YELLOW):
-        logger.warning("%s", line)
+    for finding in diagnosis.findings:
+        if finding.problem is not None:
+            logger.warning("%s", finding.line())

@@ -94,5 +94,6 @@ def _timings(detection: Detection) -> str:
 def _verdict(diagnosis: Diagnosis) -> str:
     bad = [finding for finding in diagnosis.findings if finding.level > Level.GREEN]
     verdict = badge(diagnosis.level.word, diagnosis.level.word)
-    good = f"<p>{verdict} {len(diagnosis.findings) - len(bad)} items are green.</p>"
+    fine = sum(finding.level == Level.GREEN for finding in diagnosis.findings)
+    good = f"<p>{verdict} {fine} items are green.</p>"
     return good + (findings_table(bad) if bad else "")

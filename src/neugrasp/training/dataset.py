@@ -13,12 +13,12 @@ import numpy as np
 import torch
 from torch.utils.data import DataLoader, Dataset
 
+from neugrasp.change import change_labels
 from neugrasp.data.records import PhotosWanted, Record, read_record
 from neugrasp.data.shards import INDEX, Shards
 from neugrasp.errors import InputError
 from neugrasp.geometry.symmetry import Symmetry
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.training.change import change_labels
 from neugrasp.training.config import TrainConfig
 from neugrasp.training.samples import PreparedView, Sample, Truth, crop_views, sample_of, truth_of
 from neugrasp.views import View

@@ -6,11 +6,11 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from neugrasp.change import OBJECT, TABLE
 from neugrasp.geometry.sampling import sample_volume
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.grasp_head import GraspVolume, half_turned
 from neugrasp.model.rendering import Rays, Rendered
-from neugrasp.training.change import OBJECT, TABLE
 from neugrasp.training.samples import GraspLabels
 
 CARVING_CLEARANCE = 0.006

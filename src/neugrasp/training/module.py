@@ -8,11 +8,11 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from neugrasp.change import TABLE
 from neugrasp.errors import InputError
 from neugrasp.model.field import EncodedViews
 from neugrasp.model.network import NeuGrasp, Reconstruction
 from neugrasp.model.rendering import Rays, cut_to_workspace
-from neugrasp.training.change import TABLE
 from neugrasp.training.config import TrainConfig
 from neugrasp.training.dataset import Batch
 from neugrasp.training.losses import (

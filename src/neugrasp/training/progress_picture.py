@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image as PilImage
 
+from neugrasp.change import OBJECT, TABLE
 from neugrasp.model.network import NeuGrasp
 from neugrasp.pictures.sheet import Tile, contact_sheet
 from neugrasp.pictures.slices import busiest_slice, slice_picture
-from neugrasp.training.change import OBJECT, TABLE
 from neugrasp.training.samples import Sample
 from neugrasp.training.validation import reconstruct, render_view
 from neugrasp.views import Image

@@ -81,6 +81,12 @@ def change_labels(image: Image, background: Image) -> NDArray[np.int8]:
     return labels
 
 
+def unchanged(image: Image, background: Image) -> NDArray[np.bool_]:
+    """(h, w): where photos (h, w, 3) show the same in the same light: not even a soft shadow lies there."""
+    difference = _over_colours(np.add, np.abs(image.astype(np.float32) - background.astype(np.float32)))
+    return np.asarray(ndimage.uniform_filter(difference / 255, 3) < UNCHANGED)
+
+
 def _closed(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
     """The mask with gaps of up to twice the radius bridged: grown by the radius, then shrunk by it."""
     if not mask.any():
