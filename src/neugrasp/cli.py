@@ -14,7 +14,7 @@ import tyro
 from neugrasp.bench.command import SpeedTest
 from neugrasp.doctor.command import Doctor
 from neugrasp.doctor.findings import Verdict
-from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.errors import InputError, NeuGraspError, printable, terminal_log
 from neugrasp.evaluation.commands import Compare, Evaluate, Failures, Results, Story, Validate
 from neugrasp.exporters.command import Export
 from neugrasp.figures.command import Figure
@@ -49,7 +49,7 @@ class Demo:
         for scene in demo_scenes():
             folder = self.out / scene.name
             detection = run_demo(scene, detector, folder)
-            print(_summary(scene.name, detection, folder))
+            print(printable(_summary(scene.name, detection, folder)))
         print(
             "\nEvery folder holds overlay.png (the photos with the grasps, the best in green), surface.png\n"
             "(the surface above the true one), slice.png (a cut through the distance grid), grasps.json,\n"
@@ -148,7 +148,7 @@ class Generate:
                 workers=self.workers,
             )
         )
-        print(f"{len(folders)} scenes in {self.out}")
+        print(printable(f"{len(folders)} scenes in {self.out}"))
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,7 @@ class Pack:
         from neugrasp.data.shards import Shards, pack
 
         pack([folder / "scenes" for folder in self.data], self.out)
-        print(f"{len(Shards(self.out))} scenes in {self.out}")
+        print(printable(f"{len(Shards(self.out))} scenes in {self.out}"))
 
 
 @dataclass(frozen=True)
@@ -269,7 +269,7 @@ COMMANDS: dict[str, Callable[..., Command]] = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command: 0, or 1 on the doctor's red, 2 on a mistake of the user, 130 when interrupted."""
-    logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
+    logging.basicConfig(level=logging.INFO, handlers=[terminal_log(sys.stderr)])
     command = tyro.extras.subcommand_cli_from_dict(
         COMMANDS,
         prog="neugrasp",
@@ -279,12 +279,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         report = command.run()
         if report is not None:
-            print(report)
+            print(printable(report))
     except KeyboardInterrupt:
         print("neugrasp: interrupted", file=sys.stderr)
         return 130
     except (NeuGraspError, OSError) as error:
-        print(f"neugrasp: error: {error}", file=sys.stderr)
+        print(printable(f"neugrasp: error: {error}", sys.stderr), file=sys.stderr)
         return 2
     return report.exit_code if isinstance(report, Verdict) else 0
 
