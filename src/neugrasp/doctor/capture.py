@@ -8,16 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image as Picture
 
-from neugrasp.data.scene_folder import FILE, read_json, view_of, workspace_of
+from neugrasp.data.photo_files import orientation
+from neugrasp.data.scene_folder import FILE, photo_of, read_json, view_of, workspace_of
 from neugrasp.doctor.findings import Finding, Level, Problem, green
 from neugrasp.doctor.problems import INTRINSICS_UNIT, NOT_RIGID, ROTATION_TAG, TRANSPOSED, UNITS, UNREADABLE
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import is_rigid
 from neugrasp.views import MAX_VIEWS, View, Views
-
-ORIENTATION_TAG = 274
 
 
 @dataclass(frozen=True)
@@ -146,10 +144,9 @@ def _sizes(views: list[View]) -> str:
 
 def _turned(folder: Path, entries: list[Any], numbers: list[int]) -> list[str]:
     """The photos whose file says that they are to be shown turned."""
-    names = [entries[number][key] for number in numbers for key in ("image", "background")]
-    turned = []
-    for name in names:
-        with Picture.open(folder / name) as picture:
-            if picture.getexif().get(ORIENTATION_TAG, 1) != 1:
-                turned.append(name)
-    return turned
+    photos = [(number, key) for number in numbers for key in ("image", "background")]
+    return [
+        entries[number][key]
+        for number, key in photos
+        if orientation(photo_of(folder, entries[number], key, f"view {number}"), f"view {number}")
+    ]

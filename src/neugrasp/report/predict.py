@@ -10,8 +10,7 @@ from neugrasp.data.scene_folder import read_scene
 from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.detection.explanation import explain
-from neugrasp.doctor.capture import Capture
-from neugrasp.doctor.examination import Diagnosis, examine
+from neugrasp.doctor.examination import Diagnosis, examine_folder
 from neugrasp.doctor.findings import Level
 from neugrasp.errors import InputError
 from neugrasp.export import write_prediction
@@ -49,7 +48,8 @@ def predict(run: PredictRun) -> str:
     Raises `InputError` where the doctor finds the capture unusable, with what to do.
     """
     views = read_scene(run.scene)
-    diagnosis = examine(Capture.of(views))
+    # The files, not the views in memory: some of what is wrong with photos is written in the files alone.
+    diagnosis = examine_folder(run.scene)
     _check(run, diagnosis)
     detector = NeuGraspDetector.load(
         run.weights, run.gripper, threshold=run.threshold, hand_check=run.hand_check
