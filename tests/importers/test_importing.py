@@ -173,7 +173,7 @@ def broken(kind: str, folder: Path, views: Views) -> list[str]:
     elif kind == "on its side":
         data["frames"][2]["w"], data["frames"][2]["h"] = data["frames"][2]["h"], data["frames"][2]["w"]
     elif kind == "no focal length":
-        del data["frames"][0]["fl_x"]
+        del data["frames"][0]["fl_x"], data["frames"][0]["fl_y"]
     elif kind == "OpenCV axes":
         for frame in data["frames"]:
             frame["transform_matrix"] = (
@@ -203,8 +203,8 @@ def broken(kind: str, folder: Path, views: Views) -> list[str]:
         ("no frames", "'frames' must be a list"),
         ("other size", "view_2.png: 64 x 36 pixels; its camera was calibrated for 96 x 36"),
         ("on its side", "lies on its side"),
-        ("no focal length", "frame 0: 'camera_angle_x' is None"),
-        ("OpenCV axes", "the workspace is outside every view; the poses look like OpenGL"),
+        ("no focal length", "frame 0: no focal length"),
+        ("OpenCV axes", "transform_matrix holds OpenCV axes (x right, y down, z forward)"),
         ("same file twice", "view_0.png: stands for both"),
     ],
 )
