@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -11,12 +11,19 @@ import numpy as np
 
 from neugrasp.errors import InputError, require
 from neugrasp.geometry.pose import Array, rigid
-from neugrasp.importers.board import Board, Charuco, Tag, Tags
+from neugrasp.importers.board import Board, Charuco, Tag, Tags, Upright
+from neugrasp.importers.board_reasons import charuco_reason, fit_of, listed, missing_row, tags_reason
 from neugrasp.importers.lens import Lens
+from neugrasp.importers.planar_fit import limit_of
 from neugrasp.views import Image
 
 FEWEST_POINTS = 6
 """Corners of a chessboard that fix a pose well; one tag has four."""
+FEWEST_STRANGERS = 4
+"""Markers of another dictionary that are believed: small patterns are found in clutter, too."""
+
+Found = tuple[Array, Array]
+"""Points (n, 3) of the board and their pixels (n, 2)."""
 
 
 @dataclass(frozen=True)
@@ -31,24 +38,51 @@ class Sighting:
 
 
 def find_board(board: Board, photo: Image, lens: Lens) -> Sighting | None:
-    """The pose of the board in a photo as the lens took it, with distortion; None where it is not seen."""
+    """The pose of the board in a photo as the lens took it, with distortion; None where it is not seen.
+
+    Raises `InputError` with the reason where it is seen and is not as described.
+    """
     cv2 = require("cv2", extra="capture")
-    found = _corners(cv2, board, photo)
+    found = _corners(cv2, board, photo, lens)
     if found is None:
         return None
-    points, pixels = found
-    _, rotations, translations, _ = cv2.solvePnPGeneric(
-        points, pixels, lens.intrinsics, lens.coefficients, flags=cv2.SOLVEPNP_IPPE
-    )
-    best: Sighting | None = None
-    # A plane seen from afar can be explained in two ways; both are refined, and the better one is kept.
-    for first, second in zip(rotations, translations, strict=True):
-        turn, shift = cv2.solvePnPRefineLM(points, pixels, lens.intrinsics, lens.coefficients, first, second)
-        expected, _ = cv2.projectPoints(points, turn, shift, lens.intrinsics, lens.coefficients)
-        error = float(np.sqrt(((expected.reshape(-1, 2) - pixels) ** 2).sum(axis=1).mean()))
-        if best is None or error < best.error:
-            best = Sighting(rigid(cv2.Rodrigues(turn)[0], shift.ravel()), error, len(points))
-    return best
+    sighting = _pose(cv2, *found, lens)
+    if sighting is not None and sighting.error > (limit := limit_of(found[1])):
+        raise InputError(_misfit(cv2, board, photo, lens, sighting.error, limit))
+    return sighting
+
+
+def other_markers(board: Board, photo: Image) -> str | None:
+    """What is printed in a photo in which the board is not seen; None where there is nothing of the kind."""
+    cv2 = require("cv2", extra="capture")
+    picture = _grey(cv2, photo)
+    wanted = board.print.dictionary
+    numbers = [number for number, _ in _markers(cv2, wanted, picture)]
+    if isinstance(board.print, Tags) and numbers:
+        ours = ", ".join(str(tag.number) for tag in board.print.tags)
+        return f"the tags {listed(numbers)} of {wanted} are seen, the board has {ours}"
+    fewest = 1 if isinstance(board.print, Tags) and "APRILTAG" in wanted.upper() else FEWEST_STRANGERS
+    names = sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_"))
+    seen = {name: [n for n, _ in _markers(cv2, name, picture)] for name in names}
+    # Of those that hold the same markers, the smallest; weak families need more of them.
+    best = max(names, key=lambda name: (len(seen[name]), -len(_dictionary(cv2, name).bytesList)))
+    if len(seen[best]) < (fewest if "36" in best else FEWEST_STRANGERS):
+        return None
+    return f"markers of {best} are seen ({listed(seen[best])}), the board has {wanted}"
+
+
+def upright_of(tags: Tags, photo: Image) -> Upright | None:
+    """Whose pictures the tags in a photo are, which two of them tell; None where fewer are seen."""
+    cv2 = require("cv2", extra="capture")
+    seen = _tags_seen(cv2, tags, _grey(cv2, photo))
+    if len(seen) < 2:
+        return None
+    corners = {tag.number: tag.corners for tag in tags.tags}
+    turned = {number: np.roll(pixels, 2, axis=0) for number, pixels in seen.items()}
+    official, opencv = fit_of(corners, seen), fit_of(corners, turned)
+    assert official is not None
+    assert opencv is not None
+    return "opencv" if opencv.error < 0.5 * official.error else "official"
 
 
 def calibrate(board: Board, photos: Sequence[Image]) -> Lens:
@@ -62,16 +96,18 @@ def calibrate(board: Board, photos: Sequence[Image]) -> Lens:
         raise InputError("the photos for the calibration differ in size")
     found = [corners for photo in photos if (corners := _corners(cv2, board, photo)) is not None]
     if len(found) < 3:
+        reason = other_markers(board, photos[0])
         raise InputError(
             f"the board was found in {len(found)} of {len(photos)} photos; a calibration needs it in 3, "
             "better in 10, from different sides and tilts (or give camera.json)"
+            + (f". In the first of them {reason}" if reason else "")
         )
     # OpenCV calibrates from float32 only.
     points, pixels = ([values.astype(np.float32) for values in part] for part in zip(*found, strict=True))
     # One coefficient of distortion: more of them fit the board and go astray where it never was.
     flags = cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
     error, matrix, bend, _, _ = cv2.calibrateCamera(points, pixels, (width, height), None, None, flags=flags)
-    if error > 2.0:
+    if not error <= max(limit_of(values) for values in pixels):
         raise InputError(
             f"the calibration is off by {error:.1f} pixels: is the board flat and of the given size?"
         )
@@ -98,6 +134,7 @@ def _tags_picture(cv2: ModuleType, tags: Tags, width: int, height: int, dots_per
     for tag in tags.tags:
         _check_printable(dictionary, tags, tag)
         marker = cv2.aruco.generateImageMarker(dictionary, tag.number, side, borderBits=1)
+        marker = np.ascontiguousarray(np.rot90(marker, -_quarter_turns(cv2, tags)))
         place = tag.corners[:, :2] * [1, -1] * dots_per_metre + [0, height] - 0.5
         warp = cv2.getPerspectiveTransform(upright, place.astype(np.float32))
         smooth = cv2.warpPerspective(marker, warp, (width, height), flags=cv2.INTER_AREA, borderValue=255)
@@ -115,13 +152,37 @@ def _check_printable(dictionary: Any, tags: Tags, tag: Tag) -> None:
         )
 
 
-def _corners(cv2: ModuleType, board: Board, photo: Image) -> tuple[Array, Array] | None:
-    """Points (n, 3) of the board and their pixels (n, 2), None where there are too few."""
-    picture = cv2.cvtColor(np.ascontiguousarray(photo), cv2.COLOR_RGB2GRAY)
+def _quarter_turns(cv2: ModuleType, tags: Tags) -> int:
+    """By how many quarter turns against the clock the library draws the tags, seen from how they are "
+    "upright."""
+    bits = tags.first_picture
+    if bits is None:
+        return 0
+    dictionary = _dictionary(cv2, tags.dictionary)
+    drawn = cv2.aruco.generateImageMarker(dictionary, 0, len(bits) + 2, borderBits=1)[1:-1, 1:-1] > 0
+    turns = next((turns for turns in range(4) if np.array_equal(np.rot90(bits, turns), drawn)), None)
+    if turns is None:
+        raise InputError(f"{tags.dictionary}: this version of OpenCV draws tag 0 in a way that is not known")
+    return (turns + 2) % 4 if tags.upright == "opencv" else turns
+
+
+def _corners(cv2: ModuleType, board: Board, photo: Image, lens: Lens | None = None) -> Found | None:
+    """Points of the board and their pixels, None where there are too few."""
+    picture = _grey(cv2, photo)
     if isinstance(board.print, Tags):
-        return _tag_corners(cv2, board.print, picture)
+        seen = _tags_seen(cv2, board.print, picture)
+        known = [tag for tag in board.print.tags if tag.number in seen]
+        if not known:
+            return None
+        points = np.concatenate([tag.corners for tag in known])
+        return points, np.concatenate([seen[tag.number] for tag in known])
     chessboard = _charuco(cv2, board.print)
-    pixels, numbers, _, _ = cv2.aruco.CharucoDetector(chessboard).detectBoard(picture)
+    pixels, numbers, markers, ids = cv2.aruco.CharucoDetector(chessboard).detectBoard(picture)
+    seen = _once(_named(markers, ids), range(len(board.print.markers())), "marker")
+    straight = _straight(seen, lens)
+    size = (picture.shape[1], picture.shape[0])
+    if reason := charuco_reason(board.print, straight) or missing_row(board.print, straight, *size):
+        raise InputError(reason)
     if numbers is None or len(numbers) < FEWEST_POINTS:
         return None
     points = chessboard.getChessboardCorners()[numbers.ravel()]
@@ -146,26 +207,86 @@ def _refined(
     return np.asarray(found.reshape(-1, 2), dtype=np.float64)
 
 
-def _tag_corners(cv2: ModuleType, tags: Tags, picture: np.ndarray) -> tuple[Array, Array] | None:
+def _pose(cv2: ModuleType, points: Array, pixels: Array, lens: Lens) -> Sighting | None:
+    """The pose that puts the points nearest to their pixels."""
+    _, rotations, translations, _ = cv2.solvePnPGeneric(
+        points, pixels, lens.intrinsics, lens.coefficients, flags=cv2.SOLVEPNP_IPPE
+    )
+    best: Sighting | None = None
+    # A plane seen from afar can be explained in two ways; both are refined, and the better one is kept.
+    for first, second in zip(rotations, translations, strict=True):
+        turn, shift = cv2.solvePnPRefineLM(points, pixels, lens.intrinsics, lens.coefficients, first, second)
+        expected, _ = cv2.projectPoints(points, turn, shift, lens.intrinsics, lens.coefficients)
+        error = float(np.sqrt(((expected.reshape(-1, 2) - pixels) ** 2).sum(axis=1).mean()))
+        if best is None or error < best.error:
+            best = Sighting(rigid(cv2.Rodrigues(turn)[0], shift.ravel()), error, len(points))
+    return best
+
+
+def _misfit(cv2: ModuleType, board: Board, photo: Image, lens: Lens, error: float, limit: float) -> str:
+    """Why the board does not fit."""
+    text = f"the board does not fit: its corners are {error:.1f} pixels off, {limit:.1f} are believed"
+    if isinstance(board.print, Tags):
+        seen = _straight(_tags_seen(cv2, board.print, _grey(cv2, photo)), lens)
+        return f"{text}; {tags_reason(board.print, seen)}"
+    return f"{text}; is it flat, of the given size, and the lens that of this camera at this resolution?"
+
+
+def _tags_seen(cv2: ModuleType, tags: Tags, picture: np.ndarray) -> dict[int, Array]:
+    """Corners (4, 2) of the board's tags, from the upper left of the upright tag on clockwise."""
+    turns = _quarter_turns(cv2, tags)
+    seen = _once(_markers(cv2, tags.dictionary, picture), [tag.number for tag in tags.tags], "tag")
+    return {number: np.roll(corners, turns, axis=0) for number, corners in seen.items()}
+
+
+def _markers(cv2: ModuleType, dictionary: str, picture: np.ndarray) -> list[tuple[int, Array]]:
+    """Numbers and corners (4, 2) of all markers of a dictionary."""
     settings = cv2.aruco.DetectorParameters()
     settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    detector = cv2.aruco.ArucoDetector(_dictionary(cv2, tags.dictionary), settings)
+    detector = cv2.aruco.ArucoDetector(_dictionary(cv2, dictionary), settings)
     corners, numbers, _ = detector.detectMarkers(picture)
-    seen = {} if numbers is None else dict(zip(numbers.ravel().tolist(), corners, strict=True))
-    known = [tag for tag in tags.tags if tag.number in seen]
-    if not known:
-        return None
-    points = np.concatenate([tag.corners for tag in known])
-    return points, np.concatenate([seen[tag.number].reshape(4, 2) for tag in known]).astype(np.float64)
+    return _named(corners, numbers)
+
+
+def _named(corners: Any, numbers: Any) -> list[tuple[int, Array]]:
+    if numbers is None:
+        return []
+    return [
+        (int(number), np.asarray(four, dtype=np.float64).reshape(4, 2))
+        for number, four in zip(np.ravel(numbers), corners, strict=True)
+    ]
+
+
+def _once(found: list[tuple[int, Array]], ours: Sequence[int], what: str) -> dict[int, Array]:
+    """By number. Raises `InputError` where a number of the board is there twice: which of the two is "
+    "meant?"""
+    names = [number for number, _ in found]
+    if twice := sorted({number for number in names if number in ours and names.count(number) > 1}):
+        raise InputError(
+            f"{what} {listed(twice)} is seen more than once; take the other prints of that number out of the "
+            "photo"
+        )
+    return dict(found)
+
+
+def _straight(seen: Mapping[int, Array], lens: Lens | None) -> dict[int, Array]:
+    return {number: pixels if lens is None else lens.ideal(pixels) for number, pixels in seen.items()}
+
+
+def _grey(cv2: ModuleType, photo: Image) -> np.ndarray:
+    picture: np.ndarray = cv2.cvtColor(np.ascontiguousarray(photo), cv2.COLOR_RGB2GRAY)
+    return picture
 
 
 def _charuco(cv2: ModuleType, charuco: Charuco) -> Any:
     dictionary = _dictionary(cv2, charuco.dictionary)
-    needed = charuco.columns * charuco.rows // 2
+    needed = len(charuco.markers())
     if len(dictionary.bytesList) < needed:
         raise InputError(f"{charuco.dictionary} has too few markers; the board needs {needed}")
     size = (charuco.columns, charuco.rows)
-    return cv2.aruco.CharucoBoard(size, charuco.square, charuco.marker, dictionary)
+    board = cv2.aruco.CharucoBoard(size, charuco.square, charuco.marker, dictionary)
+    board.setLegacyPattern(charuco.legacy)
+    return board
 
 
 def _dictionary(cv2: ModuleType, name: str) -> Any:
