@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import combinations
 
@@ -10,21 +10,15 @@ import numpy as np
 
 from neugrasp.geometry.pose import Array
 from neugrasp.importers.board import Charuco, Tag, Tags
-from neugrasp.importers.planar_fit import Fit, fit, limit_of, mapped
+from neugrasp.importers.planar_fit import Fit, fit, mapped
+from neugrasp.importers.seen_markers import Seen
 
 FEWEST_MARKERS = 4
 """Of a chessboard, to tell its pattern by."""
+PATTERN = 0.25
+"""Of a marker's edge in the photo, by which markers may be off their pattern."""
 LARGEST_BOARD = 16
 """Columns and rows that are tried."""
-
-Seen = Mapping[int, Array]
-"""Ideal pixels (4, 2) of the corners of markers, by number."""
-
-
-def listed(numbers: Iterable[int]) -> str:
-    """The first few numbers, in order."""
-    words = [str(number) for number in sorted(numbers)]
-    return ", ".join(words[:8]) + (", ..." if len(words) > 8 else "")
 
 
 def fit_of(corners: Mapping[int, Array], seen: Seen) -> Fit | None:
@@ -38,11 +32,21 @@ def fit_of(corners: Mapping[int, Array], seen: Seen) -> Fit | None:
     )
 
 
-def is_fitting(corners: Mapping[int, Array], seen: Seen) -> bool:
-    """Whether the markers are where a flat board at `corners` has them."""
+def error_of(corners: Mapping[int, Array], seen: Seen) -> float:
+    """Root mean square distance in pixels of the markers from where a flat board at `corners` has them."""
     found = fit_of(corners, seen)
-    pixels = np.concatenate([seen[number] for number in corners if number in seen] or [np.zeros((1, 2))])
-    return found is not None and found.error <= limit_of(pixels)
+    return np.inf if found is None else found.error
+
+
+def _is_pattern(board: Charuco, seen: Seen) -> bool:
+    """Whether the markers are those of a chessboard: another pattern puts them off by whole squares. Lenses
+    that are not straightened yet bend it by less."""
+    markers = board.markers()
+    if max(seen) >= len(markers):
+        return False
+    edges = np.concatenate([pixels - np.roll(pixels, 1, axis=0) for pixels in seen.values()])
+    side = float(np.linalg.norm(edges, axis=-1).mean())
+    return error_of(dict(enumerate(markers)), seen) < PATTERN * side
 
 
 def charuco_reason(board: Charuco, seen: Seen) -> str | None:
@@ -51,11 +55,11 @@ def charuco_reason(board: Charuco, seen: Seen) -> str | None:
         return None
     described = f"{board.columns} x {board.rows} squares"
     own = {number: pixels for number, pixels in seen.items() if number < len(board.markers())}
-    is_own = len(own) >= FEWEST_MARKERS and is_fitting(_numbered(board), own)
+    is_own = len(own) >= FEWEST_MARKERS and _is_pattern(board, own)
     if is_own and len(own) == len(seen):
         return None
     for words, other in _other_patterns(board):
-        if max(seen) < len(other.markers()) and is_fitting(_numbered(other), seen):
+        if _is_pattern(other, seen):
             return f"{len(seen)} markers are seen, but not where {described} have them; {words}"
     if is_own:
         # What is seen besides is no marker of this board: patterns of four by four are found in clutter, too.
@@ -112,39 +116,45 @@ def _other_patterns(board: Charuco) -> Iterator[tuple[str, Charuco]]:
             yield words, replace(board, columns=columns, rows=rows, legacy=is_legacy)
 
 
-def tags_reason(tags: Tags, seen: Seen) -> str:
-    """Why tags that are seen are not where the board has them."""
+def tags_reason(tags: Tags, seen: Seen, limit: float) -> str:
+    """Why tags that are seen are not where the board has them, from errors of up to `limit` pixels on."""
     corners = {tag.number: tag.corners for tag in tags.tags}
     known = {number: seen[number] for number in corners if number in seen}
-    where = "the tags seen do not lie as board.json has them"
-    if is_fitting({number: np.roll(own, 2, axis=0) for number, own in corners.items()}, known):
+    where = "the tags seen do not lie as the board's file has them"
+    if error_of({number: np.roll(own, 2, axis=0) for number, own in corners.items()}, known) <= limit:
         other = "opencv" if tags.upright == "official" else "official"
         return f'{where}: each is turned by 180 degrees; write "upright": "{other}"'
-    for one, other_tag in combinations(known, 2):
-        swapped = {**known, one: known[other_tag], other_tag: known[one]}
-        if is_fitting(corners, swapped):
-            return f"{where}: the numbers {one} and {other_tag} are exchanged"
-    for ratio in np.linspace(0.5, 2.0, 61):
-        if is_fitting({tag.number: replace(tag, size=ratio * tag.size).corners for tag in tags.tags}, known):
-            sizes = ", ".join(f"{1000 * ratio * tag.size:.0f}" for tag in tags.tags if tag.number in known)
-            return f"{where}: measure 'size', the edge of the black square; {sizes} mm would fit"
-    if odd := _odd_one(tags, known):
-        return f"{where}: {odd}"
+    for one, two in combinations(known, 2):
+        if error_of(corners, {**known, one: known[two], two: known[one]}) <= limit:
+            return f"{where}: the numbers {one} and {two} are exchanged"
+    sized = {
+        ratio: error_of({tag.number: replace(tag, size=ratio * tag.size).corners for tag in tags.tags}, known)
+        for ratio in np.linspace(0.5, 2.0, 151)
+    }
+    ratio = min(sized, key=sized.__getitem__)
+    odd = _odd_one(tags, known, limit)
+    if sized[ratio] <= limit and (odd is None or sized[ratio] < odd[0]):
+        sizes = ", ".join(f"{1000 * ratio * tag.size:.0f}" for tag in tags.tags if tag.number in known)
+        # Of two tags nobody can tell whether they are larger or nearer to each other.
+        what = " and the distance of the 'centre's" if len(known) == 2 else ""
+        return f"{where}: measure 'size' (the edge of the black square){what}; {sizes} mm would fit"
+    if odd is not None:
+        return f"{where}: {odd[1]}"
     return f"{where}; measure 'centre', 'size' and 'turn_deg' of the tags {', '.join(map(str, known))}"
 
 
-def _odd_one(tags: Tags, known: Seen) -> str | None:
-    """The one tag without which the others fit, and where it lies."""
+def _odd_one(tags: Tags, known: Seen, limit: float) -> tuple[float, str] | None:
+    """The error without the tag without which the others fit best, and where it lies; None where they do "
+    "not."""
     if len(known) < 3:
         return None
     by_number = {tag.number: tag for tag in tags.tags}
-    for number in known:
-        others = {other: by_number[other].corners for other in known if other != number}
-        if is_fitting(others, known):
-            found = fit_of(others, known)
-            assert found is not None
-            return _misplaced(by_number[number], mapped(np.linalg.inv(found.matrix), known[number]))
-    return None
+    rests = {odd: {other: by_number[other].corners for other in known if other != odd} for odd in known}
+    odd = min(rests, key=lambda number: error_of(rests[number], known))
+    found = fit_of(rests[odd], known)
+    if found is None or found.error > limit:
+        return None
+    return found.error, _misplaced(by_number[odd], mapped(np.linalg.inv(found.matrix), known[odd]))
 
 
 def _misplaced(tag: Tag, corners: Array) -> str:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import Any
 
@@ -12,15 +12,25 @@ import numpy as np
 from neugrasp.errors import InputError, require
 from neugrasp.geometry.pose import Array, rigid
 from neugrasp.importers.board import Board, Charuco, Tag, Tags, Upright
-from neugrasp.importers.board_reasons import charuco_reason, fit_of, listed, missing_row, tags_reason
+from neugrasp.importers.board_reasons import charuco_reason, fit_of, missing_row, tags_reason
 from neugrasp.importers.lens import Lens
 from neugrasp.importers.planar_fit import limit_of
+from neugrasp.importers.seen_markers import listed, named, once, straightened
 from neugrasp.views import Image
 
 FEWEST_POINTS = 6
 """Corners of a chessboard that fix a pose well; one tag has four."""
-FEWEST_STRANGERS = 4
-"""Markers of another dictionary that are believed: small patterns are found in clutter, too."""
+FEWEST_STRANGERS = {4: 4, 5: 2}
+"""Markers of another dictionary that are believed, by their bits across; clutter holds small patterns, "
+"too."""
+NOISE = 0.15
+"""Pixels by which one of two poses must fit better than the other, to be told from it."""
+LARGEST_DOUBT = 2.0
+"""Degrees of standard deviation: at half a metre they move the camera by 17 mm."""
+FINEST = 0.1
+"""Pixels that every corner may be off, however well all of them fit."""
+SAME_TURN = 5.0
+"""Degrees between two poses that count as one."""
 
 Found = tuple[Array, Array]
 """Points (n, 3) of the board and their pixels (n, 2)."""
@@ -35,6 +45,10 @@ class Sighting:
     error: float
     """Root mean square distance of the corners from where the pose puts them, pixels."""
     num_points: int
+    rival: float = np.inf
+    """The error of the best pose from another direction."""
+    doubt: float = 0.0
+    """Degrees, one standard deviation, within which the camera's direction is known."""
 
 
 def find_board(board: Board, photo: Image, lens: Lens) -> Sighting | None:
@@ -47,8 +61,13 @@ def find_board(board: Board, photo: Image, lens: Lens) -> Sighting | None:
     if found is None:
         return None
     sighting = _pose(cv2, *found, lens)
-    if sighting is not None and sighting.error > (limit := limit_of(found[1])):
+    if sighting.error > (limit := limit_of(lens.width, lens.height)):
         raise InputError(_misfit(cv2, board, photo, lens, sighting.error, limit))
+    if sighting.rival < sighting.error + NOISE or sighting.doubt > LARGEST_DOUBT:
+        raise InputError(
+            f"the {len(found[0])} corners of the board that are seen do not tell the camera's direction "
+            f"within {LARGEST_DOUBT:g} degrees; go nearer, look at it more from the side, or print it larger"
+        )
     return sighting
 
 
@@ -61,12 +80,11 @@ def other_markers(board: Board, photo: Image) -> str | None:
     if isinstance(board.print, Tags) and numbers:
         ours = ", ".join(str(tag.number) for tag in board.print.tags)
         return f"the tags {listed(numbers)} of {wanted} are seen, the board has {ours}"
-    fewest = 1 if isinstance(board.print, Tags) and "APRILTAG" in wanted.upper() else FEWEST_STRANGERS
     names = sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_"))
     seen = {name: [n for n, _ in _markers(cv2, name, picture)] for name in names}
     # Of those that hold the same markers, the smallest; weak families need more of them.
     best = max(names, key=lambda name: (len(seen[name]), -len(_dictionary(cv2, name).bytesList)))
-    if len(seen[best]) < (fewest if "36" in best else FEWEST_STRANGERS):
+    if len(seen[best]) < FEWEST_STRANGERS.get(_dictionary(cv2, best).markerSize, 1):
         return None
     return f"markers of {best} are seen ({listed(seen[best])}), the board has {wanted}"
 
@@ -74,10 +92,10 @@ def other_markers(board: Board, photo: Image) -> str | None:
 def upright_of(tags: Tags, photo: Image) -> Upright | None:
     """Whose pictures the tags in a photo are, which two of them tell; None where fewer are seen."""
     cv2 = require("cv2", extra="capture")
-    seen = _tags_seen(cv2, tags, _grey(cv2, photo))
+    corners = {tag.number: tag.corners for tag in tags.tags}
+    seen = {n: pixels for n, pixels in _tags_seen(cv2, tags, _grey(cv2, photo)).items() if n in corners}
     if len(seen) < 2:
         return None
-    corners = {tag.number: tag.corners for tag in tags.tags}
     turned = {number: np.roll(pixels, 2, axis=0) for number, pixels in seen.items()}
     official, opencv = fit_of(corners, seen), fit_of(corners, turned)
     assert official is not None
@@ -107,7 +125,7 @@ def calibrate(board: Board, photos: Sequence[Image]) -> Lens:
     # One coefficient of distortion: more of them fit the board and go astray where it never was.
     flags = cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
     error, matrix, bend, _, _ = cv2.calibrateCamera(points, pixels, (width, height), None, None, flags=flags)
-    if not error <= max(limit_of(values) for values in pixels):
+    if not error <= limit_of(width, height):
         raise InputError(
             f"the calibration is off by {error:.1f} pixels: is the board flat and of the given size?"
         )
@@ -178,8 +196,8 @@ def _corners(cv2: ModuleType, board: Board, photo: Image, lens: Lens | None = No
         return points, np.concatenate([seen[tag.number] for tag in known])
     chessboard = _charuco(cv2, board.print)
     pixels, numbers, markers, ids = cv2.aruco.CharucoDetector(chessboard).detectBoard(picture)
-    seen = _once(_named(markers, ids), range(len(board.print.markers())), "marker")
-    straight = _straight(seen, lens)
+    seen = once(named(markers, ids), range(len(board.print.markers())), "marker")
+    straight = straightened(seen, lens)
     size = (picture.shape[1], picture.shape[0])
     if reason := charuco_reason(board.print, straight) or missing_row(board.print, straight, *size):
         raise InputError(reason)
@@ -207,35 +225,43 @@ def _refined(
     return np.asarray(found.reshape(-1, 2), dtype=np.float64)
 
 
-def _pose(cv2: ModuleType, points: Array, pixels: Array, lens: Lens) -> Sighting | None:
+def _pose(cv2: ModuleType, points: Array, pixels: Array, lens: Lens) -> Sighting:
     """The pose that puts the points nearest to their pixels."""
-    _, rotations, translations, _ = cv2.solvePnPGeneric(
-        points, pixels, lens.intrinsics, lens.coefficients, flags=cv2.SOLVEPNP_IPPE
-    )
-    best: Sighting | None = None
+    camera = (lens.intrinsics, lens.coefficients)
+    _, turns, shifts, _ = cv2.solvePnPGeneric(points, pixels, *camera, flags=cv2.SOLVEPNP_IPPE)
+    found = []
     # A plane seen from afar can be explained in two ways; both are refined, and the better one is kept.
-    for first, second in zip(rotations, translations, strict=True):
-        turn, shift = cv2.solvePnPRefineLM(points, pixels, lens.intrinsics, lens.coefficients, first, second)
-        expected, _ = cv2.projectPoints(points, turn, shift, lens.intrinsics, lens.coefficients)
+    for first, second in zip(turns, shifts, strict=True):
+        turn, shift = cv2.solvePnPRefineLM(points, pixels, *camera, first, second)
+        expected, slopes = cv2.projectPoints(points, turn, shift, *camera)
         error = float(np.sqrt(((expected.reshape(-1, 2) - pixels) ** 2).sum(axis=1).mean()))
-        if best is None or error < best.error:
-            best = Sighting(rigid(cv2.Rodrigues(turn)[0], shift.ravel()), error, len(points))
-    return best
+        spread = np.linalg.pinv(slopes[:, :6].T @ slopes[:, :6])[:3, :3] * max(error, FINEST) ** 2
+        doubt = float(np.rad2deg(np.sqrt(np.linalg.eigvalsh(spread)[-1])))
+        found.append(Sighting(rigid(cv2.Rodrigues(turn)[0], shift.ravel()), error, len(points), doubt=doubt))
+    best, *others = sorted(found, key=lambda sighting: sighting.error)
+    rivals = [other.error for other in others if _turn(best, other) > SAME_TURN]
+    return replace(best, rival=min(rivals, default=np.inf))
+
+
+def _turn(one: Sighting, other: Sighting) -> float:
+    """Degrees between two poses."""
+    trace = np.trace(one.camera_from_board[:3, :3].T @ other.camera_from_board[:3, :3])
+    return float(np.rad2deg(np.arccos(np.clip((trace - 1) / 2, -1, 1))))
 
 
 def _misfit(cv2: ModuleType, board: Board, photo: Image, lens: Lens, error: float, limit: float) -> str:
     """Why the board does not fit."""
     text = f"the board does not fit: its corners are {error:.1f} pixels off, {limit:.1f} are believed"
     if isinstance(board.print, Tags):
-        seen = _straight(_tags_seen(cv2, board.print, _grey(cv2, photo)), lens)
-        return f"{text}; {tags_reason(board.print, seen)}"
+        seen = straightened(_tags_seen(cv2, board.print, _grey(cv2, photo)), lens)
+        return f"{text}; {tags_reason(board.print, seen, limit)}"
     return f"{text}; is it flat, of the given size, and the lens that of this camera at this resolution?"
 
 
 def _tags_seen(cv2: ModuleType, tags: Tags, picture: np.ndarray) -> dict[int, Array]:
     """Corners (4, 2) of the board's tags, from the upper left of the upright tag on clockwise."""
     turns = _quarter_turns(cv2, tags)
-    seen = _once(_markers(cv2, tags.dictionary, picture), [tag.number for tag in tags.tags], "tag")
+    seen = once(_markers(cv2, tags.dictionary, picture), [tag.number for tag in tags.tags], "tag")
     return {number: np.roll(corners, turns, axis=0) for number, corners in seen.items()}
 
 
@@ -245,32 +271,7 @@ def _markers(cv2: ModuleType, dictionary: str, picture: np.ndarray) -> list[tupl
     settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     detector = cv2.aruco.ArucoDetector(_dictionary(cv2, dictionary), settings)
     corners, numbers, _ = detector.detectMarkers(picture)
-    return _named(corners, numbers)
-
-
-def _named(corners: Any, numbers: Any) -> list[tuple[int, Array]]:
-    if numbers is None:
-        return []
-    return [
-        (int(number), np.asarray(four, dtype=np.float64).reshape(4, 2))
-        for number, four in zip(np.ravel(numbers), corners, strict=True)
-    ]
-
-
-def _once(found: list[tuple[int, Array]], ours: Sequence[int], what: str) -> dict[int, Array]:
-    """By number. Raises `InputError` where a number of the board is there twice: which of the two is "
-    "meant?"""
-    names = [number for number, _ in found]
-    if twice := sorted({number for number in names if number in ours and names.count(number) > 1}):
-        raise InputError(
-            f"{what} {listed(twice)} is seen more than once; take the other prints of that number out of the "
-            "photo"
-        )
-    return dict(found)
-
-
-def _straight(seen: Mapping[int, Array], lens: Lens | None) -> dict[int, Array]:
-    return {number: pixels if lens is None else lens.ideal(pixels) for number, pixels in seen.items()}
+    return named(corners, numbers)
 
 
 def _grey(cv2: ModuleType, photo: Image) -> np.ndarray:
