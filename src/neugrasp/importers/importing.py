@@ -95,7 +95,7 @@ def _posed_scene(run: ImportRun, photos: Photos) -> Views:
         placed, workspace = _on_board(shots, pairs, run.board, is_metric=run.format == "robot")
     else:
         placed, workspace = _aligned(run, shots)
-    check_poses(placed, workspace, str(_file(run)))
+    check_poses(placed, pairs, workspace, str(_file(run)))
     return scene_of(placed, pairs, workspace)
 
 

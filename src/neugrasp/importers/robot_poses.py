@@ -90,7 +90,10 @@ def _shot(data: dict[str, Any], entry: dict[str, Any], where: str) -> Shot:
         f"{mistake} (robot.json)": pose
         for mistake, pose in _suspects(data["flange_from_camera"], entry["base_from_flange"]).items()
     }
-    return Shot(entry["image"], lens, base_from_flange @ flange_from_camera, world_from_background, suspects)
+    world_from_camera = base_from_flange @ flange_from_camera
+    return Shot(
+        entry["image"], lens, world_from_camera, world_from_background, suspects, base_from_flange[:3, 2]
+    )
 
 
 def _suspects(hand_eye: Any, flange: Any) -> dict[str, Array]:
