@@ -46,8 +46,9 @@ def check_poses(shots: Sequence[Shot], pairs: Mapping[str, Pair], workspace: Wor
             text = "; or: ".join(likely or [name for name, _ in causes])
             raise InputError(f"{where}: the cameras do not look down at the workspace; {text}")
         return
-    given = agree([shot.world_from_camera for shot in still])
-    if given is None or given >= DOUBTFUL:
+    # Poses so wrong that no two photos share a part of the table agree about nothing.
+    given = agree([shot.world_from_camera for shot in still]) or 0.0
+    if given >= DOUBTFUL:
         return
     tried = [(agree(poses) or 0.0, name) for name, poses in (*_mistakes(still), *_tools(still))]
     best, name = max(tried, default=(0.0, ""))

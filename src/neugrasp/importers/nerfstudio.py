@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -57,7 +58,7 @@ def read_transforms(file: Path, size_of: SizeOf) -> list[Listed]:
     frames = data.get("frames")
     if not isinstance(frames, list) or not frames:
         raise InputError(f"{file}: 'frames' must be a list of at least one frame")
-    common = _without_convention(data)
+    common = _without_convention(data, str(file))
     objects = [frame for frame in frames if isinstance(frame, dict)]
     keys = {key for entry in (data, *objects) for key in entry if is_lens_key(key)}
     warn_of_unknown([common], {*FILE_KEYS, *LENS_KEYS, *keys}, file, logger)
@@ -90,13 +91,19 @@ def check_motion(file: Path, has_scale: bool, has_place: bool) -> None:
         )
 
 
-def _without_convention(data: Mapping[str, Any]) -> dict[str, Any]:
-    """The file without a key that says that its cameras are OpenGL's, as they are."""
-    return {
-        key: value
-        for key, value in data.items()
-        if not ("convention" in plain(key) and isinstance(value, str) and plain(value) in OPENGL)
+def _without_convention(entry: dict[str, Any], where: str) -> dict[str, Any]:
+    """The entry without keys that say that its cameras are OpenGL's, as they are. Raises `InputError` for one
+    that says otherwise."""
+    said = {
+        key: value for key, value in entry.items() if re.search("convention|coordinatesystem", plain(key))
     }
+    for key, value in said.items():
+        if not isinstance(value, str) or plain(value) not in OPENGL:
+            raise InputError(
+                f"{where}: {key} is {value!r}, but cameras of transforms.json have OpenGL axes (x right, y "
+                "up, looking along -z); convert the poses and leave it away"
+            )
+    return {key: value for key, value in entry.items() if key not in said}
 
 
 def _listed(data: dict[str, Any], frame: Any, where: str, size_of: SizeOf) -> Listed:
@@ -109,7 +116,7 @@ def _listed(data: dict[str, Any], frame: Any, where: str, size_of: SizeOf) -> Li
 
 def _shot(data: dict[str, Any], frame: dict[str, Any], where: str, name: str, size_of: SizeOf) -> Shot:
     check_lens_keys(data, FILE_KEYS, where)
-    check_lens_keys(frame, FRAME_KEYS, where)
+    check_lens_keys(_without_convention(frame, where), FRAME_KEYS, where)
     matrix = frame.get("transform_matrix")
     if isinstance(matrix, list) and len(matrix) == 3:
         matrix = [*matrix, [0.0, 0.0, 0.0, 1.0]]
