@@ -50,8 +50,13 @@ def check_poses(shots: Sequence[Shot], pairs: Mapping[str, Pair], workspace: Wor
     given = agree([shot.world_from_camera for shot in still]) or 0.0
     if given >= DOUBTFUL:
         return
-    tried = [(agree(poses) or 0.0, name) for name, poses in (*_mistakes(still), *_tools(still))]
-    best, name = max(tried, default=(0.0, ""))
+    tried = [
+        (agree(poses) or 0.0, name)
+        for name, poses in (*_mistakes(still), *_tools(still))
+        if all(_plausible(still, poses, workspace))
+    ]
+    # Of those that fit alike the likeliest, which comes first.
+    best, name = max(tried, default=(0.0, ""), key=lambda one: round(one[0], 2))
     if best > CONVINCING and best > given + CLEAR:
         raise InputError(
             f"{where}: the photos of the table agree by {given:.2f} of 1 only, and by {best:.2f} once one "
