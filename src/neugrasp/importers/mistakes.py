@@ -56,7 +56,7 @@ def check_poses(shots: Sequence[Shot], pairs: Mapping[str, Pair], workspace: Wor
         if all(_plausible(still, poses, workspace))
     ]
     # Of those that fit alike the likeliest, which comes first.
-    best, name = max(tried, default=(0.0, ""), key=lambda one: round(one[0], 2))
+    best, name = max(tried, default=(0.0, ""), key=lambda one: round(one[0], 4))
     if best > CONVINCING and best > given + CLEAR:
         raise InputError(
             f"{where}: the photos of the table agree by {given:.2f} of 1 only, and by {best:.2f} once one "
