@@ -33,7 +33,7 @@ def filled(folder: Path, *names: str) -> Path:
             "/data/shot/images/0.png",
         ),
         *("..\\images\\0.png", "C:\\shots\\0.png", "C:/shots/0.png", ".\\0.png", "images/../0.png"),
-        *("0.PNG", "0.jpg", "0.HEIC", "0.tiff", "0", "a/b/c/0.webp"),
+        *("0.PNG", "0.jpg", "0.HEIC", "0.tiff", "0", "a/b/c/0.webp", "0.jfif", "0.camraw", "0.X3F"),
     ],
 )
 def test_a_name_leads_to_the_photo_in_the_folder(tmp_path: Path, name: str):
@@ -50,12 +50,13 @@ def test_folders_in_the_name_come_first(tmp_path: Path):
     assert folder.find("rig\\cam0\\0.png") == tmp_path / "rig/cam0/0.png"
     assert folder.find("cam7/0.png") == tmp_path / "0.png"
     assert folder.find("cam7/1.png") is None
+    assert folder.find("0.0001") is None
 
 
 def test_capitals_and_the_way_of_accents_make_no_difference(tmp_path: Path):
-    folder = PhotoFolder(filled(tmp_path, "IMG_1.JPG", "caf\u00e9.png"))
+    folder = PhotoFolder(filled(tmp_path, "IMG_1.JPG", "T\u00fcr.png"))
     assert folder.find("img_1.jpg") == tmp_path / "IMG_1.JPG"
-    assert folder.find("cafe\u0301.png") == tmp_path / "caf\u00e9.png"
+    assert folder.find("Tu\u0308r.png") == tmp_path / "T\u00fcr.png"
 
 
 def test_the_file_most_like_the_name_is_taken_and_doubt_is_told(tmp_path: Path):

@@ -116,7 +116,10 @@ def _lens(folder: Path, pairs: Mapping[str, Pair], board: Board) -> Lens:
     if file.exists():
         return camera_of(read_object(file), file)
     files = [*PhotoFolder(folder / "calibration").photos, *(pair.background for pair in pairs.values())]
-    lens = calibrate(board, [read_image(file, "the calibration") for file in files])
+    try:
+        lens = calibrate(board, [read_image(file, "the calibration") for file in files])
+    except InputError as error:
+        raise InputError(f"{folder}: {error}") from error
     fx, fy, k1 = lens.intrinsics[0, 0], lens.intrinsics[1, 1], lens.radial[0]
     logger.info("calibrated with %d photos: fx %.1f, fy %.1f pixels, k1 %.3f", len(files), fx, fy, k1)
     return lens

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import unicodedata
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -14,7 +15,8 @@ from neugrasp.data.photo_files import FOREIGN
 from neugrasp.data.user_files import check_name
 from neugrasp.errors import InputError
 
-SUFFIXES = (".png", ".jpg", ".jpeg")
+SUFFIXES = (".png", ".jpg", ".jpeg", ".jpe", ".jfif")
+UNKNOWN_SUFFIX = re.compile(r"\.[a-z][a-z0-9]{1,6}$")
 IPHONE = " (iPhone: Settings, Camera, Formats, Most Compatible)"
 
 logger = logging.getLogger(__name__)
@@ -35,10 +37,12 @@ class PhotoFolder:
         `InputError` where several files may be meant.
         """
         parts = parts_of(name)
-        for first in range(len(parts)):
-            tail = "/".join(parts[first:])
-            if found := self._index.get(_key(tail)):
-                return self._checked(_best(tail, found, self.path))
+        # A suffix that nobody knows may be part of the name, and is taken away only where that finds nothing.
+        for strip in (_key, lambda name: UNKNOWN_SUFFIX.sub("", _key(name))):
+            for first in range(len(parts)):
+                tail = "/".join(parts[first:])
+                if found := self._index.get(strip(tail)):
+                    return self._checked(_best(tail, found, self.path))
         return None
 
     @property
