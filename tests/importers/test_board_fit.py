@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import json
-import logging
 import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image as Picture
 
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
-from neugrasp.geometry.pose import inverse
+from neugrasp.geometry.pose import inverse, rigid
 from neugrasp.importers.board import FIRST_TAGS, Board, Charuco, Tag, Tags
 from neugrasp.importers.board_file import read_board
 from neugrasp.importers.lens import Lens
@@ -23,8 +23,10 @@ pytest.importorskip("cv2")
 import cv2
 
 from neugrasp.importers import markers
-from neugrasp.importers.markers import find_board, other_markers, picture_of, upright_of
+from neugrasp.importers.markers import find_board, other_markers, picture_of
+from neugrasp.importers.photos import Pair
 from neugrasp.importers.planar_fit import fit, mapped
+from neugrasp.importers.upright import settled
 from table_photos import camera_at, photo_of_table
 
 TARGET = np.array([0.126, 0.10, 0.0])
@@ -235,31 +237,61 @@ def test_the_sheet_shows_the_official_picture(dictionary: str):
     np.testing.assert_array_equal(turned > 127, picture[::-1, ::-1] > 127)
 
 
+def pair_of(folder: Path, background: np.ndarray, image: np.ndarray) -> dict[str, Pair]:
+    for name, photo in (("background", background), ("image", image)):
+        Picture.fromarray(photo).save(folder / f"{name}.png")
+    return {"0": Pair(folder / "image.png", folder / "background.png")}
+
+
 @pytest.mark.parametrize("upright", ["official", "opencv"])
-def test_two_tags_tell_whose_pictures_they_are(upright: str):
-    printed = replace(TAGS, upright=upright)  # type: ignore[arg-type]
-    photo = photo_of_table(Board(printed), CAMERA)
-    assert upright_of(replace(TAGS, upright=None), photo) == upright
-    one = replace(TAGS, tags=TAGS.tags[:1], upright=None)
-    assert upright_of(one, photo) is None
+def test_two_tags_tell_whose_pictures_they_are(tmp_path: Path, upright: str):
+    photo = photo_of_table(Board(replace(TAGS, upright=upright)), CAMERA)  # type: ignore[arg-type]
+    board = settled(Board(replace(TAGS, upright=None)), pair_of(tmp_path, photo, photo))
+    assert board.print.upright == upright  # type: ignore[union-attr]
 
 
-def test_a_tag_alone_is_called_official_with_a_word(tmp_path: Path, caplog: pytest.LogCaptureFixture):
-    from neugrasp.importers.board_photos import settled
+def with_object(photo: np.ndarray, camera: Camera, place: tuple[float, float]) -> np.ndarray:
+    """A red box, 6 cm wide, stands at a place of the table: its corners' outline, filled."""
+    offsets = np.array([(x, y, z) for x in (-0.03, 0.03) for y in (-0.03, 0.03) for z in (0, 0.05)])
+    pixels, _ = camera.project(np.array([*place, 0.0]) + offsets)
+    outline = cv2.convexHull(pixels.round().astype(np.int32))
+    return np.asarray(cv2.fillConvexPoly(photo.copy(), outline, (200, 40, 40)))
 
-    file = tmp_path / "board.json"
-    tag = {"id": 0, "size": 0.05, "centre": [0.025, 0.025]}
-    file.write_text(json.dumps({"kind": "tags", "tags": [tag]}))
-    with caplog.at_level(logging.WARNING):
-        board = settled(read_board(str(file)), {})
-    assert board.print.upright == "official"  # type: ignore[union-attr]
-    assert '"upright": "opencv"' in caplog.text
-    caplog.clear()
-    file.write_text(json.dumps({"kind": "tags", "upright": "opencv", "tags": [tag]}))
-    assert settled(read_board(str(file)), {}).print.upright == "opencv"  # type: ignore[union-attr]
-    file.write_text(json.dumps({"kind": "tags", "dictionary": "DICT_4X4_50", "tags": [tag]}))
-    assert settled(read_board(str(file)), {}).print.upright is None  # type: ignore[union-attr]
-    assert not caplog.text
+
+LONE = Tags((Tag(0, 0.06, (0.03, 0.03)),))
+ABOVE = camera_at(np.array([0.02, -0.45, 0.75]), np.array([0.03, 0.08, 0.0]), focal=480.0)
+SPOTS = [(0.03, 0.23), (-0.06, 0.15), (0.13, 0.30)]
+"""Of the cube behind the tag, in the frame of the upright tag."""
+
+
+@pytest.mark.parametrize("spot", SPOTS)
+@pytest.mark.parametrize("upright", ["official", "opencv"])
+def test_objects_tell_whose_picture_a_lone_tag_is(tmp_path: Path, upright: str, spot: tuple[float, float]):
+    """The print is laid upright by whoever prints it; the cube stands behind it, and the objects in the "
+    "cube."""
+    photo = photo_of_table(Board(replace(LONE, upright=upright)), ABOVE)  # type: ignore[arg-type]
+    board = settled(Board(LONE), pair_of(tmp_path, photo, with_object(photo, ABOVE, spot)))
+    assert board.print.upright == upright  # type: ignore[union-attr]
+
+
+def test_a_lone_tag_that_nothing_tells_about_is_refused(tmp_path: Path):
+    """Nothing stands in the cube, or the cube stands about the tag, or as much has changed on both sides."""
+    photo = photo_of_table(Board(replace(LONE, upright="official")), ABOVE)
+    both = with_object(with_object(photo, ABOVE, SPOTS[0]), ABOVE, (0.03, -0.17))
+    about = Board(LONE, rigid(translation=(-0.12, -0.12, -0.05)))
+    for board, image in (
+        (Board(LONE), photo),
+        (Board(LONE), both),
+        (about, with_object(photo, ABOVE, SPOTS[0])),
+    ):
+        with pytest.raises(
+            InputError, match=r'tag 0 alone does not tell .* "upright": "official" .* "opencv"'
+        ):
+            settled(board, pair_of(tmp_path, photo, image))
+    said = Board(replace(LONE, upright="opencv"))
+    assert settled(said, pair_of(tmp_path, photo, photo)) is said
+    other = Board(replace(LONE, dictionary="DICT_4X4_50"))
+    assert settled(other, pair_of(tmp_path, photo, photo)) is other
 
 
 def test_a_homography_is_found_exactly(rng: np.random.Generator):

@@ -12,9 +12,9 @@ from neugrasp.data.photo_files import read_image
 from neugrasp.data.user_files import read_object
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, apply, inverse
-from neugrasp.importers.board import Board, Tags
+from neugrasp.importers.board import Board
 from neugrasp.importers.lens import Lens
-from neugrasp.importers.markers import Sighting, calibrate, find_board, other_markers, upright_of
+from neugrasp.importers.markers import Sighting, calibrate, find_board, other_markers
 from neugrasp.importers.photo_folder import PhotoFolder
 from neugrasp.importers.photos import Pair
 from neugrasp.importers.robot_poses import camera_of
@@ -30,28 +30,6 @@ def board_shots(folder: Path, pairs: Mapping[str, Pair], board: Board) -> list[S
     """The camera of every pair in the board's frame. Raises `InputError` where a photo shows no board."""
     lens = _lens(folder, pairs, board)
     return [_shot(name, pair, lens, board) for name, pair in pairs.items()]
-
-
-def settled(board: Board, pairs: Mapping[str, Pair]) -> Board:
-    """The board with the pictures that its AprilTags are of, where that was not said: two tags in one photo
-    tell, for where the one lies says how the other is turned. One alone is taken for the official picture."""
-    if not isinstance(board.print, Tags) or not board.print.is_ambiguous:
-        return board
-    for pair in pairs.values() if len(board.print.tags) > 1 else ():
-        for file in (pair.background, pair.image):
-            if (found := upright_of(board.print, read_image(file, "the board"))) is not None:
-                logger.info("the tags are read as the %s pictures of their family: two of them tell", found)
-                return board.drawn(found)
-    if len(board.print.tags) > 1:
-        return board.drawn("official")
-    logger.warning(
-        "tag %d is read as the official picture of its family (github.com/AprilRobotics/apriltag-imgs), "
-        "which `neugrasp board` prints, too. The same tag as OpenCV draws it stands on its head, and one "
-        "alone does "
-        'not tell: for such a print write "upright": "opencv" into the file of the board, else "official"',
-        board.print.tags[0].number,
-    )
-    return board.drawn("official")
 
 
 def strangers(board: Board, pairs: Mapping[str, Pair]) -> str:

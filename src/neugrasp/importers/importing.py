@@ -17,7 +17,7 @@ from neugrasp.geometry.pose import inverse
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.importers.alignment import align, read_alignment
 from neugrasp.importers.board_file import read_board
-from neugrasp.importers.board_photos import board_shots, settled, sight, strangers
+from neugrasp.importers.board_photos import board_shots, sight, strangers
 from neugrasp.importers.colmap import read_model
 from neugrasp.importers.mistakes import check_poses, explained
 from neugrasp.importers.nerfstudio import check_motion, read_transforms
@@ -25,6 +25,7 @@ from neugrasp.importers.photo_folder import PhotoFolder
 from neugrasp.importers.photos import Pair, Photos
 from neugrasp.importers.robot_poses import read_robot
 from neugrasp.importers.shots import Listed, Shot, scene_of
+from neugrasp.importers.upright import settled
 from neugrasp.views import Views
 
 Format = Literal["nerfstudio", "colmap", "robot", "board"]

@@ -11,11 +11,11 @@ import numpy as np
 
 from neugrasp.errors import InputError, require
 from neugrasp.geometry.pose import Array, rigid
-from neugrasp.importers.board import Board, Charuco, Tag, Tags, Upright
-from neugrasp.importers.board_reasons import charuco_reason, fit_of, missing_row, tags_reason
+from neugrasp.importers.board import Board, Charuco, Tag, Tags
+from neugrasp.importers.board_reasons import charuco_reason, missing_row, tags_reason
 from neugrasp.importers.lens import Lens
 from neugrasp.importers.planar_fit import limit_of
-from neugrasp.importers.seen_markers import listed, named, once, straightened
+from neugrasp.importers.seen_markers import Seen, listed, named, once, straightened
 from neugrasp.views import Image
 
 FEWEST_POINTS = 6
@@ -89,18 +89,12 @@ def other_markers(board: Board, photo: Image) -> str | None:
     return f"markers of {best} are seen ({listed(seen[best])}), the board has {wanted}"
 
 
-def upright_of(tags: Tags, photo: Image) -> Upright | None:
-    """Whose pictures the tags in a photo are, which two of them tell; None where fewer are seen."""
+def tags_in(tags: Tags, photo: Image) -> Seen:
+    """Those of the tags that a photo shows, corners from the upper left of the upright tag on clockwise (of
+    the official picture where nothing was said). Raises `InputError` where one is there twice."""
     cv2 = require("cv2", extra="capture")
-    corners = {tag.number: tag.corners for tag in tags.tags}
-    seen = {n: pixels for n, pixels in _tags_seen(cv2, tags, _grey(cv2, photo)).items() if n in corners}
-    if len(seen) < 2:
-        return None
-    turned = {number: np.roll(pixels, 2, axis=0) for number, pixels in seen.items()}
-    official, opencv = fit_of(corners, seen), fit_of(corners, turned)
-    assert official is not None
-    assert opencv is not None
-    return "opencv" if opencv.error < 0.5 * official.error else "official"
+    ours = {tag.number for tag in tags.tags}
+    return {n: pixels for n, pixels in _tags_seen(cv2, tags, _grey(cv2, photo)).items() if n in ours}
 
 
 def calibrate(board: Board, photos: Sequence[Image]) -> Lens:
