@@ -202,3 +202,9 @@ def test_only_chosen_images_are_judged(tmp_path: Path):
     for listed, words in zip(others, ("OPENCV_FISHEYE", "NEW", "quaternion of length"), strict=True):
         with pytest.raises(InputError, match=words):
             listed.read()
+
+
+def test_a_number_of_two_cameras_is_damage(tmp_path: Path):
+    folder = model(tmp_path, "PINHOLE 640 480 500 510 320 240\n7 PINHOLE 640 480 600 610 320 240")
+    with pytest.raises(InputError, match=r"cameras\.txt: two cameras have the number 7"):
+        read_model(folder)

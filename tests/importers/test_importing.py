@@ -404,3 +404,18 @@ def test_a_view_of_the_robot_may_have_a_lens_of_its_own(tmp_path: Path, elsewher
     assert shots[1].lens.radial[0] == 0.1
     assert shots[1].lens.intrinsics[0, 0] == 61
     assert not shots[0].lens.is_distorted
+
+
+@pytest.mark.parametrize("chosen", [[], ["--views", "view_0", "view_1"]])
+def test_a_photo_with_two_poses_is_refused(
+    elsewhere: Views, tmp_path: Path, capsys: pytest.CaptureFixture[str], chosen: list[str]
+):
+    arguments = nerfstudio(tmp_path / "foreign", elsewhere)
+    file = tmp_path / "foreign/transforms.json"
+    data = json.loads(file.read_text())
+    data["frames"].append({**data["frames"][2], "file_path": data["frames"][0]["file_path"]})
+    file.write_text(json.dumps(data))
+    assert cli.main(["import", *arguments, *chosen, "--out", str(tmp_path / "scene")]) == 2
+    assert (
+        "the photo images/view_0.png is there twice; which of its poses is meant?" in capsys.readouterr().err
+    )

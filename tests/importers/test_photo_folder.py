@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from neugrasp.errors import InputError
-from neugrasp.importers.photo_folder import PhotoFolder, parts_of, stem_of
+from neugrasp.importers.photo_folder import PhotoFolder, key_of, parts_of
 from neugrasp.importers.photos import Photos
 
 
@@ -117,11 +117,10 @@ def test_what_is_no_name_is_refused(name: str):
         parts_of(name)
 
 
-def test_stems():
-    for name in ("a/b/c.png", "c.JPG", "c.heic", "x\\c.png", "c"):
-        assert stem_of(name) == "c"
-    assert stem_of("frame.0001") == "frame.0001"
-    assert stem_of("frame.0001.png") == "frame.0001"
+def test_keys():
+    for name in ("c.png", "C.JPG", "c.heic", "c"):
+        assert key_of(name) == "c"
+    assert key_of("frame.0001") == key_of("frame.0001.png") == "frame.0001"
 
 
 @pytest.fixture
@@ -134,7 +133,9 @@ def rig(tmp_path: Path) -> Photos:
 NAMES = ["cam0/0.png", "cam0\\1.png", "cam1/0.png", "cam1/1.png"]
 
 
-@pytest.mark.parametrize("words", [("cam0/0", "cam1/1.png"), ("cam0/0.png", "cam1\\1")])
+@pytest.mark.parametrize(
+    "words", [("cam0/0", "cam1/1.png"), ("cam0/0.png", "cam1\\1"), ("cam0/0.HEIC", "CAM1/1")]
+)
 def test_views_of_a_rig_are_chosen_with_their_folder(rig: Photos, words: tuple[str, ...]):
     chosen = Photos(rig.images, rig.backgrounds, words)
     assert list(chosen.pairs(NAMES)) == ["cam0/0.png", "cam1/1.png"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +35,7 @@ def read_model(folder: Path) -> list[Listed]:
         cameras_file, images_file = folder / f"cameras.{suffix}", folder / f"images.{suffix}"
         if cameras_file.exists() and images_file.exists():
             try:
-                cameras = {camera.number: camera for camera in read_cameras(cameras_file)}
+                cameras = _by_number(cameras_file, read_cameras(cameras_file))
                 listed = list(read_images(images_file, cameras))
             except InputError:
                 raise
@@ -49,6 +49,14 @@ def read_model(folder: Path) -> list[Listed]:
     raise InputError(
         f"{folder}: no COLMAP model; it needs cameras.bin and images.bin, or the same as .txt{hint}"
     )
+
+
+def _by_number(file: Path, cameras: Iterable[ColmapCamera]) -> Cameras:
+    found: Cameras = {}
+    for camera in cameras:
+        if found.setdefault(camera.number, camera) is not camera:
+            raise InputError(f"{file}: two cameras have the number {camera.number}; is the file damaged?")
+    return found
 
 
 def _listed(file: Path, name: str, pose: Sequence[float], camera: int, cameras: Cameras) -> Listed:

@@ -89,6 +89,8 @@ def _posed_scene(run: ImportRun, photos: Photos) -> Views:
     listed = _listed(run, photos)
     names = [entry.name for entry in listed]
     pairs = photos.pairs(names)
+    if twice := next((name for name in pairs if names.count(name) > 1), None):
+        raise InputError(f"{_file(run)}: the photo {twice} is there twice; which of its poses is meant?")
     if not photos.chosen:
         photos.tell_of_strangers(names)
     shots = [entry.read() for entry in listed if entry.name in pairs]

@@ -38,7 +38,7 @@ class PhotoFolder:
         """
         parts = parts_of(name)
         # A suffix that nobody knows may be part of the name, and is taken away only where that finds nothing.
-        for strip in (_key, lambda name: UNKNOWN_SUFFIX.sub("", _key(name))):
+        for strip in (key_of, lambda name: UNKNOWN_SUFFIX.sub("", key_of(name))):
             for first in range(len(parts)):
                 tail = "/".join(parts[first:])
                 if found := self._index.get(strip(tail)):
@@ -57,16 +57,16 @@ class PhotoFolder:
             raise InputError(
                 f"{self.path}: no photos; it must hold .png or .jpg files{self.foreign_hint(self._foreign)}"
             )
-        if left_out := [name for name in self._foreign if _key(name) not in self._index]:
+        if left_out := [name for name in self._foreign if key_of(name) not in self._index]:
             logger.warning("%s: %s left out%s", self.path, left_out[0], self.foreign_hint(left_out))
         return names
 
     def foreign_hint(self, names: Iterable[str]) -> str:
         """What to do about photos of these names that are there as files of another kind; empty without."""
         keys = {
-            _key("/".join(parts[first:])) for parts in map(parts_of, names) for first in range(len(parts))
+            key_of("/".join(parts[first:])) for parts in map(parts_of, names) for first in range(len(parts))
         }
-        kinds = sorted({FOREIGN[Path(file).suffix.lower()] for file in self._foreign if _key(file) in keys})
+        kinds = sorted({FOREIGN[Path(file).suffix.lower()] for file in self._foreign if key_of(file) in keys})
         if not kinds:
             return ""
         return (
@@ -80,7 +80,7 @@ class PhotoFolder:
         index: dict[str, list[str]] = {}
         for name in _files(self.path):
             if is_photo(Path(name)) and (self.path / name).is_file():
-                index.setdefault(_key(name), []).append(name)
+                index.setdefault(key_of(name), []).append(name)
         return index
 
     @cached_property
@@ -113,18 +113,13 @@ def parts_of(name: str) -> list[str]:
     return parts
 
 
-def stem_of(name: str) -> str:
-    """The name of a photo without folder and suffix."""
-    return _without_suffix(parts_of(name)[-1])
-
-
 def _without_suffix(name: str) -> str:
     pure = PurePosixPath(name)
     is_picture = pure.suffix.lower() in (*SUFFIXES, *FOREIGN)
     return name[: -len(pure.suffix)] if is_picture else name
 
 
-def _key(name: str) -> str:
+def key_of(name: str) -> str:
     """What the names of one photo have in common, whatever its suffix, capitals and the way of accents."""
     return unicodedata.normalize("NFC", _without_suffix(name)).casefold()
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from neugrasp.errors import InputError
-from neugrasp.importers.photo_folder import PhotoFolder, is_photo, parts_of, stem_of
+from neugrasp.importers.photo_folder import PhotoFolder, is_photo, key_of, parts_of
 
 logger = logging.getLogger(__name__)
 
@@ -77,13 +77,12 @@ class Photos:
         full = []
         for word in self.chosen:
             parts = parts_of(word)
-            fitting = [name for name in names if name == word] or [
-                name
-                for name in names
-                if (own := parts_of(name))[-len(parts) :] == parts
-                or [*own[-len(parts) : -1], stem_of(name)] == parts
-            ]
-            if len(fitting) != 1:
+            fitting = (
+                [name for name in names if name == word]
+                or [name for name in names if parts_of(name)[-len(parts) :] == parts]
+                or [name for name in names if _alike(parts_of(name)[-len(parts) :], parts)]
+            )
+            if len(set(fitting)) != 1:
                 found = "no photo" if not fitting else f"{len(fitting)} photos"
                 hint = f": {shortened(fitting)}; name the folder, too" if fitting else ""
                 raise InputError(
@@ -124,6 +123,11 @@ def shortened(names: Iterable[str]) -> str:
     """The first few names."""
     words = list(names)
     return ", ".join(words[:8]) + (f", ... ({len(words)} in all)" if len(words) > 8 else "")
+
+
+def _alike(one: list[str], other: list[str]) -> bool:
+    """Whether two names are one but for suffix and capitals."""
+    return key_of("/".join(one)) == key_of("/".join(other))
 
 
 def leads_away(name: str) -> bool:
