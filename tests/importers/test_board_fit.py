@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image as Picture
+from scipy import ndimage
 
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
@@ -192,6 +193,22 @@ def test_a_tag_too_small_to_tell_the_direction_is_refused(distance: float, size:
     photo = photo_of_table(tag, camera)
     with pytest.raises(InputError, match="do not tell the camera's direction within 2 degrees"):
         find_board(tag, photo, Lens(camera.intrinsics, camera.width, camera.height))
+
+
+@pytest.mark.parametrize("blur", [1.5, 2.0])
+def test_a_blurred_tag_gives_the_camera_or_none(rng: np.random.Generator, blur: float):
+    """Never the one that is mirrored about the line of sight, half a metre away."""
+    tag = Board(Tags((Tag(0, 0.06, (0.03, 0.03)),), upright="official"))
+    camera = camera_at(np.array([0.10, -0.30, 0.62]), np.array([0.126, 0.12, 0.0]))
+    photo = ndimage.gaussian_filter(photo_of_table(tag, camera).astype(float), (blur, blur, 0))
+    lens = Lens(camera.intrinsics, camera.width, camera.height)
+    for _ in range(12):
+        noisy = (photo + rng.normal(0, 4 * blur, photo.shape)).round().clip(0, 255).astype(np.uint8)
+        try:
+            sighting = find_board(tag, noisy, lens)
+        except InputError:
+            continue
+        assert sighting is None or apart(inverse(sighting.camera_from_board), camera)[1] < 8
 
 
 @pytest.mark.parametrize("dictionary", FIRST_TAGS)

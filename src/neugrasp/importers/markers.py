@@ -24,7 +24,7 @@ FEWEST_STRANGERS = {4: 4, 5: 2}
 """Markers of another dictionary that are believed, by their bits across; clutter holds small patterns, "
 "too."""
 NOISE = 0.15
-"""Pixels by which one of two poses must fit better than the other, to be told from it."""
+"""Pixels by which one of two poses must fit better than the other, and twice as well, to be told from it."""
 LARGEST_DOUBT = 2.0
 """Degrees of standard deviation: at half a metre they move the camera by 17 mm."""
 FINEST = 0.1
@@ -63,7 +63,7 @@ def find_board(board: Board, photo: Image, lens: Lens) -> Sighting | None:
     sighting = _pose(cv2, *found, lens)
     if sighting.error > (limit := limit_of(lens.width, lens.height)):
         raise InputError(_misfit(cv2, board, photo, lens, sighting.error, limit))
-    if sighting.rival < sighting.error + NOISE or sighting.doubt > LARGEST_DOUBT:
+    if sighting.rival < max(sighting.error + NOISE, 2 * sighting.error) or sighting.doubt > LARGEST_DOUBT:
         raise InputError(
             f"the {len(found[0])} corners of the board that are seen do not tell the camera's direction "
             f"within {LARGEST_DOUBT:g} degrees; go nearer, look at it more from the side, or print it larger"
@@ -248,7 +248,8 @@ def _misfit(cv2: ModuleType, board: Board, photo: Image, lens: Lens, error: floa
     text = f"the board does not fit: its corners are {error:.1f} pixels off, {limit:.1f} are believed"
     if isinstance(board.print, Tags):
         seen = straightened(_tags_seen(cv2, board.print, _grey(cv2, photo)), lens)
-        return f"{text}; {tags_reason(board.print, seen, limit)}"
+        blurred = "is the photo sharp? If so, " if error < 3 * limit else ""
+        return f"{text}; {blurred}{tags_reason(board.print, seen, limit)}"
     return f"{text}; is it flat, of the given size, and the lens that of this camera at this resolution?"
 
 
