@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image as Picture
 
 from ball_record import ball_record
 from neugrasp import cli
@@ -114,6 +115,35 @@ def test_a_mistake_of_the_user_ends_with_2_and_one_line(
     assert "nothing/scene.json: missing" in error
     assert "Traceback" not in error
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", ["doctor", "predict"])
+def test_a_name_cannot_steer_the_terminal(
+    command: str, scene_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    file = scene_folder / "scene.json"
+    data = json.loads(file.read_text())
+    data["views"][0]["image"] = "images/\x1b[2J\x1b]0;pwn\x07x.png"
+    data["not\x1b[2Jknown"] = 1
+    file.write_text(json.dumps(data))
+    out = ["--out", str(tmp_path / "out")] if command == "predict" else []
+    assert cli.main([command, str(scene_folder), *out]) in (1, 2)
+    printed = capsys.readouterr()
+    assert "\x1b" not in printed.out + printed.err
+    assert r"\x1b[2J" in printed.out + printed.err
+
+
+def test_predict_tells_of_a_rotation_tag_as_the_doctor_does(
+    scene_folder: Path, tmp_path: Path, flat_table: FlatTable, caplog: pytest.LogCaptureFixture
+):
+    file = scene_folder / "backgrounds/0.png"
+    with Picture.open(file) as picture:
+        tags = picture.getexif()
+        tags[274] = 6
+        picture.save(file, exif=tags)
+    cli.main(["predict", str(scene_folder), "--out", str(tmp_path / "out"), "--force"])
+    assert "rotation tag" in caplog.text
+    assert "EXIF orientation is not 1 in backgrounds/0.png" in caplog.text
 
 
 @pytest.fixture

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import logging
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from neugrasp.errors import BrokenExtra, MissingExtra, NeuGraspError, require
+from neugrasp.terminal import printable, terminal_log
 
 
 def test_a_module_that_is_there_is_given():
@@ -37,6 +40,38 @@ def test_a_module_that_does_not_load_is_not_called_missing(
 def test_a_user_can_catch_all_of_them():
     assert issubclass(MissingExtra, NeuGraspError)
     assert issubclass(BrokenExtra, NeuGraspError)
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("\x1b[2Jwiped\x1b]0;title\x07", r"\x1b[2Jwiped\x1b]0;title\x07"),
+        ("back\b\rspace", r"back\x08\rspace"),
+        ("\x9b31mred", r"\x9b31mred"),
+        ("\u202egnp.exe", r"\u202egnp.exe"),
+        ("half \ud800 a letter", r"half \ud800 a letter"),
+        ("\udcff of a name that is no UTF-8", r"\udcff of a name that is no UTF-8"),
+        ("line\u2028end", r"line\u2028end"),
+        ("zwei Zeilen\n\täöü 日本 😀", "zwei Zeilen\n\täöü 日本 😀"),
+    ],
+)
+def test_nothing_from_a_file_steers_a_terminal(text: str, shown: str):
+    assert printable(text, io.TextIOWrapper(io.BytesIO(), encoding="utf-8")) == shown
+
+
+def test_a_terminal_without_a_letter_gets_its_number():
+    assert printable("süß", io.TextIOWrapper(io.BytesIO(), encoding="ascii")) == r"s\xfc\xdf"
+
+
+def test_messages_are_escaped_and_a_warning_is_told_once():
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
+    logger = logging.Logger("test")
+    logger.addHandler(terminal_log(stream))
+    for _ in range(2):
+        logger.warning("%s: odd", "a\x1b[2J")
+        logger.info("step")
+    stream.seek(0)
+    assert stream.read() == "a\\x1b[2J: odd\nstep\nstep\n"
 
 
 @pytest.mark.blender

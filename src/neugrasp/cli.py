@@ -23,7 +23,7 @@ try:
     from neugrasp.figures.command import Figure
     from neugrasp.importers.command import Import, PrintBoard
     from neugrasp.report.command import DataSheet
-    from neugrasp.terminal import plain, speak_plainly
+    from neugrasp.terminal import printable, speak_plainly
     from neugrasp.viewer.command import Viewer
 except KeyboardInterrupt:
     # These take the first second of the program: whoever ends it then has made no mistake.
@@ -56,7 +56,7 @@ class Demo:
         for scene in demo_scenes():
             folder = self.out / scene.name
             detection = run_demo(scene, detector, folder)
-            print(_summary(scene.name, detection, folder))
+            print(printable(_summary(scene.name, detection, folder)))
         print(
             "\nEvery folder holds overlay.png (the photos with the grasps, the best in green), surface.png\n"
             "(the surface above the true one), slice.png (a cut through the distance grid), grasps.json,\n"
@@ -156,7 +156,7 @@ class Generate:
                 workers=self.workers,
             )
         )
-        print(f"{len(folders)} scenes in {self.out}")
+        print(printable(f"{len(folders)} scenes in {self.out}"))
 
 
 @dataclass(frozen=True)
@@ -254,7 +254,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         report = command.run()
         if report is not None:
-            print(plain(f"{report}"))
+            print(printable(report))
         return report.exit_code if isinstance(report, Verdict) else 0
     except KeyboardInterrupt:
         print("neugrasp: interrupted", file=sys.stderr)
@@ -272,7 +272,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _failed(reason: str) -> int:
-    print(plain(f"neugrasp: error: {reason}"), file=sys.stderr)
+    print(printable(f"neugrasp: error: {reason}", sys.stderr), file=sys.stderr)
     return 2
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import json
+import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -127,7 +128,9 @@ def test_a_background_of_another_size(scene_folder: Path):
 )
 def test_photos_outside_the_folder_are_not_read(scene_folder: Path, name: object):
     edited(scene_folder, lambda data: data["views"][0].update(image=name))
-    with pytest.raises(InputError, match=r"view 0: .*(leaves the scene folder|must be the path of a photo)"):
+    with pytest.raises(
+        InputError, match=r"view 0: .*(leaves the scene folder|must be the path|control characters)"
+    ):
         read_scene(scene_folder)
 
 
@@ -231,7 +234,7 @@ def test_every_mistake_says_where_it_is_and_what_would_be_right(scene_folder: Pa
 @pytest.mark.parametrize("text", ["", "{", "[]", "null", '"x"', "\xff"])
 def test_what_is_not_json(scene_folder: Path, text: str):
     (scene_folder / "scene.json").write_bytes(text.encode("latin-1"))
-    with pytest.raises(InputError, match=r"scene\.json: (not valid JSON|not a scene)"):
+    with pytest.raises(InputError, match=r"scene\.json: (not valid JSON|not a scene|no text in UTF-8)"):
         read_scene(scene_folder)
 
 
@@ -286,3 +289,102 @@ def test_writing_a_scene_leaves_no_scene_behind_when_the_disk_is_full(
     with pytest.raises(OSError, match="No space left"):
         write_scene(tmp_path / "scene", small_views)
     assert not (tmp_path / "scene" / "scene.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("place", "more", "message"),
+    [
+        (
+            "view",
+            {"distortion": [-0.2, 0, 0, 0, 0]},
+            "view 1: 'distortion' is a coefficient of lens distortion",
+        ),
+        ("view", {"dist_coeffs": [[0.1]]}, "view 1: 'dist_coeffs'"),
+        ("view", {"k1": -0.1}, "view 1: 'k1'"),
+        ("view", {"camera_model": "OPENCV_FISHEYE"}, "view 1: 'camera_model' is a lens that is no pinhole"),
+        ("view", {"rolling_shutter": [0, 0, 0.1, 0]}, "view 1: 'rolling_shutter'"),
+        ("scene", {"D": [0.1, 0, 0, 0, 0]}, "'D' is a coefficient of lens distortion"),
+        ("scene", {"applied_scale": 0.8}, "'applied_scale' is a scale or a motion of the poses"),
+        ("scene", {"units": "mm"}, "'units' is a unit of length"),
+        ("workspace", {"scale": 0.5}, "workspace: 'scale'"),
+    ],
+)
+def test_a_key_that_bends_geometry_is_refused(scene_folder: Path, place: str, more: dict, message: str):
+    def edit(data: dict[str, Any]) -> None:
+        {"scene": data, "workspace": data["workspace"], "view": data["views"][1]}[place].update(more)
+
+    edited(scene_folder, edit)
+    with pytest.raises(InputError, match=rf"scene\.json.*{message}.*neugrasp import robot"):
+        read_scene(scene_folder)
+
+
+def test_a_key_that_bends_nothing_passes_and_a_misspelt_one_is_told(
+    scene_folder: Path, caplog: pytest.LogCaptureFixture
+):
+    edited(scene_folder, lambda data: data["views"][0].update(distortion=[0.0] * 5, camera_model="PINHOLE"))
+    edited(scene_folder, lambda data: [view.update(sensd=[0, 0, 30, 30]) for view in data["views"]])
+    assert len(read_scene(scene_folder)) == 4
+    told = [record.getMessage() for record in caplog.records if "'sensd'" in record.getMessage()]
+    assert len(told) == 1
+    assert "did you mean 'sensed'?" in told[0]
+
+
+def test_links_that_leave_the_folder_are_refused(scene_folder: Path, tmp_path: Path):
+    elsewhere = tmp_path / "elsewhere"
+    (scene_folder / "images").rename(elsewhere)
+    (scene_folder / "images").symlink_to(elsewhere)
+    with pytest.raises(InputError, match=r"view 0: image 'images/0\.png' is a link that leaves the"):
+        read_scene(scene_folder)
+    (scene_folder / "images").unlink()
+    elsewhere.rename(scene_folder / "images")
+    (scene_folder / "images/1.png").rename(scene_folder / "kept.png")
+    (scene_folder / "images/1.png").symlink_to("../kept.png")
+    (scene_folder / "images/2.png").rename(tmp_path / "2.png")
+    (scene_folder / "images/2.png").symlink_to(tmp_path / "2.png")
+    with pytest.raises(InputError, match=r"view 2: image 'images/2\.png' is a link that leaves"):
+        read_scene(scene_folder)
+    (tmp_path / "2.png").rename(scene_folder / "2.png")
+    (scene_folder / "images/2.png").unlink()
+    (scene_folder / "images/2.png").symlink_to("../2.png")
+    (tmp_path / "linked").symlink_to(scene_folder)
+    assert len(read_scene(tmp_path / "linked")) == 4
+
+
+@pytest.mark.timeout(20)
+def test_a_pipe_is_no_scene_and_no_photo(scene_folder: Path):
+    (scene_folder / "images/0.png").unlink()
+    os.mkfifo(scene_folder / "images/0.png")
+    with pytest.raises(InputError, match=r"images/0\.png: is a pipe, .* only regular files are read"):
+        read_scene(scene_folder)
+    (scene_folder / "scene.json").unlink()
+    os.mkfifo(scene_folder / "scene.json")
+    with pytest.raises(InputError, match=r"scene\.json: is a pipe"):
+        read_scene(scene_folder)
+
+
+def test_names_written_on_windows_are_read(scene_folder: Path, small_views: Views):
+    edited(scene_folder, lambda data: data["views"][0].update(image="images\\0.png"))
+    np.testing.assert_array_equal(read_scene(scene_folder).views[0].image, small_views.views[0].image)
+
+
+def test_the_mark_of_byte_order_is_read_and_double_keys_are_not(scene_folder: Path):
+    file = scene_folder / "scene.json"
+    text = file.read_text()
+    file.write_bytes(b"\xef\xbb\xbf" + text.encode())
+    assert len(read_scene(scene_folder)) == 4
+    file.write_text(text.replace('"version": 1', '"version": 99, "version": 1'))
+    with pytest.raises(InputError, match=r"scene\.json: not valid JSON \(the key 'version' is given twice"):
+        read_scene(scene_folder)
+
+
+@pytest.mark.parametrize("part", [[5, 5, 5.0001, 30], [0, 0, 7, 30], [60, 0, 200, 30]])
+def test_a_part_too_small_to_look_at_is_refused(scene_folder: Path, part: list[float]):
+    edited(scene_folder, lambda data: data["views"][0].update(sensed=part))
+    with pytest.raises(InputError, match="view 0: sensed: an empty part, or one of less than 8 pixels"):
+        read_scene(scene_folder)
+
+
+def test_numbers_beyond_all_measure_are_refused_without_a_warning(scene_folder: Path):
+    edited(scene_folder, one_pose(lambda pose: pose + 1e308))
+    with pytest.raises(InputError, match=r"view 1: world_from_camera: .* is no length and no pixel"):
+        read_scene(scene_folder)

@@ -17,7 +17,8 @@ from neugrasp.data.scene_folder import read_scene
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array, inverse, rigid, rotation_about
-from neugrasp.importers.board import Board, Tag, Tags, read_board
+from neugrasp.importers.board import Board, Tag, Tags
+from neugrasp.importers.board_file import read_board
 from neugrasp.importers.lens import Lens
 from neugrasp.views import View, Views
 
@@ -248,9 +249,7 @@ def test_an_unknown_dictionary_is_named(tmp_path: Path):
     with pytest.raises(InputError, match="unknown dictionary 'DICT_9X9'"):
         sheet(read_board(str(tmp_path / "board.json")), "a4")
     with pytest.raises(InputError, match="tag 999: DICT_APRILTAG_36h11 has tags 0 to 586"):
-        sheet(
-            Board(Tags((Tag(999, np.array([(0, 0.05, 0), (0.05, 0.05, 0), (0.05, 0, 0), (0, 0, 0)])),))), "a4"
-        )
+        sheet(Board(Tags((Tag(999, 0.05, (0.025, 0.025)),))), "a4")
 
 
 @pytest.mark.parametrize("paper", ["a4", "letter", "a3"])

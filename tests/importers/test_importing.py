@@ -22,8 +22,10 @@ from foreign_formats import (
 )
 from neugrasp import cli
 from neugrasp.data.scene_folder import read_scene
+from neugrasp.errors import InputError
 from neugrasp.geometry.pose import rigid, rotation_about
 from neugrasp.geometry.workspace import Workspace
+from neugrasp.importers.robot_poses import read_robot
 from neugrasp.views import Views
 
 Write = Callable[[Path, Views], list[str]]
@@ -173,7 +175,7 @@ def broken(kind: str, folder: Path, views: Views) -> list[str]:
     elif kind == "on its side":
         data["frames"][2]["w"], data["frames"][2]["h"] = data["frames"][2]["h"], data["frames"][2]["w"]
     elif kind == "no focal length":
-        del data["frames"][0]["fl_x"]
+        del data["frames"][0]["fl_x"], data["frames"][0]["fl_y"]
     elif kind == "OpenCV axes":
         for frame in data["frames"]:
             frame["transform_matrix"] = (
@@ -203,8 +205,8 @@ def broken(kind: str, folder: Path, views: Views) -> list[str]:
         ("no frames", "'frames' must be a list"),
         ("other size", "view_2.png: 64 x 36 pixels; its camera was calibrated for 96 x 36"),
         ("on its side", "lies on its side"),
-        ("no focal length", "frame 0: 'camera_angle_x' is None"),
-        ("OpenCV axes", "the workspace is outside every view; the poses look like OpenGL"),
+        ("no focal length", "frame 0: no focal length"),
+        ("OpenCV axes", "transform_matrix holds OpenCV axes (x right, y down, z forward)"),
         ("same file twice", "view_0.png: stands for both"),
     ],
 )
@@ -267,3 +269,153 @@ def test_a_background_without_a_pose_is_told(
     write_photos(tmp_path / "foreign", replace(elsewhere, views=views))
     assert cli.main(["import", *arguments, "--out", str(tmp_path / "scene")]) == 0
     assert "no pose is known for view_4.png" in caplog.text
+
+
+def test_only_the_cameras_of_chosen_photos_are_judged(elsewhere: Views, tmp_path: Path):
+    """A capture may hold photos of a fisheye lens, poses that failed, and photos that are not there."""
+    arguments = nerfstudio(tmp_path / "foreign", elsewhere)
+    file = tmp_path / "foreign/transforms.json"
+    data = json.loads(file.read_text())
+    data["frames"][0].update(camera_model="OPENCV_FISHEYE", k1=0.02)
+    data["frames"][2].update(transform_matrix="none", file_path="images/gone.png")
+    file.write_text(json.dumps(data))
+    chosen = ["--views", "view_1", "view_3"]
+    assert cli.main(["import", *arguments, *chosen, "--out", str(tmp_path / "scene")]) == 0
+    same(read_scene(tmp_path / "scene"), replace(elsewhere, views=elsewhere.views[1::2]))
+
+
+@pytest.mark.parametrize(
+    "kind", ["absolute", "upwards", "backslashes", "drive", "capitals", "HEIC", "no suffix"]
+)
+def test_names_of_other_systems_lead_to_their_photos(elsewhere: Views, tmp_path: Path, kind: str):
+    arguments = nerfstudio(tmp_path / "foreign", elsewhere)
+    file = tmp_path / "foreign/transforms.json"
+    data = json.loads(file.read_text())
+    for i, frame in enumerate(data["frames"]):
+        frame["file_path"] = {
+            "absolute": str((tmp_path / f"foreign/images/view_{i}.png").resolve()),
+            "upwards": f"./../foreign/images/view_{i}.png",
+            "backslashes": f".\\images\\view_{i}.png",
+            "drive": f"C:\\shots\\images\\view_{i}.png",
+            "capitals": f"images/VIEW_{i}.PNG",
+            "HEIC": f"images/view_{i}.HEIC",
+            "no suffix": f"images/view_{i}",
+        }[kind]
+    file.write_text(json.dumps(data))
+    assert cli.main(["import", *arguments, "--out", str(tmp_path / "scene")]) == 0
+    same(read_scene(tmp_path / "scene"), elsewhere)
+
+
+def test_photos_of_a_kind_that_is_not_read_are_named(
+    elsewhere: Views, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    arguments = nerfstudio(tmp_path / "foreign", elsewhere)
+    for kind in ("images", "backgrounds"):
+        for photo in (tmp_path / "foreign" / kind).iterdir():
+            photo.rename(photo.with_suffix(".heic"))
+    for chosen in ([], ["--views", "view_1"]):
+        assert cli.main(["import", *arguments, *chosen, "--out", str(tmp_path / "scene")]) == 2
+        assert "it holds HEIC files, which are not read; convert photos and backg" in capsys.readouterr().err
+
+
+def test_backgrounds_in_folders_of_a_rig_are_found(elsewhere: Views, tmp_path: Path):
+    arguments = colmap_binary(tmp_path / "foreign", elsewhere)
+    model = tmp_path / "foreign/sparse/0/images.bin"
+    data = model.read_bytes()
+    for i in range(4):
+        data = data.replace(f"view_{i}.png".encode(), f"rig/cam{i}/0.png".encode())
+        for kind in ("images", "backgrounds"):
+            folder = tmp_path / "foreign" / kind / f"rig/cam{i}"
+            folder.mkdir(parents=True)
+            (tmp_path / "foreign" / kind / f"view_{i}.png").rename(folder / "0.png")
+    model.write_bytes(data)
+    assert cli.main(["import", *arguments, "--out", str(tmp_path / "scene")]) == 0
+    same(read_scene(tmp_path / "scene"), elsewhere)
+
+
+@pytest.mark.parametrize("value", [3, 6, 8])
+def test_an_orientation_tag_is_told_at_import(
+    elsewhere: Views, tmp_path: Path, caplog: pytest.LogCaptureFixture, value: int
+):
+    arguments = nerfstudio(tmp_path / "foreign", elsewhere)
+    file = tmp_path / "foreign/images/view_2.png"
+    with Picture.open(file) as picture:
+        tags = picture.getexif()
+        tags[274] = value
+        picture.save(file, exif=tags)
+    assert cli.main(["import", *arguments, "--out", str(tmp_path / "scene")]) == 0
+    assert "view_2.png: EXIF orientation: the photo is stored turned by" in caplog.text
+    assert "view_1.png: EXIF" not in caplog.text
+    same(read_scene(tmp_path / "scene"), elsewhere)
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [({"scale": 0.25}, "'scale' is a scale or a motion"), ({"units": "mm"}, "'units' is a unit of length")],
+)
+def test_an_alignment_that_is_not_understood_is_refused(
+    elsewhere: Views, tmp_path: Path, capsys: pytest.CaptureFixture[str], more: dict, message: str
+):
+    arguments = nerfstudio(tmp_path / "foreign", elsewhere)
+    file = tmp_path / "foreign/alignment.json"
+    file.write_text(json.dumps({**json.loads(file.read_text()), **more}))
+    assert cli.main(["import", *arguments, "--out", str(tmp_path / "scene")]) == 2
+    assert f"alignment.json: {message}" in capsys.readouterr().err
+
+
+def test_a_scale_in_the_file_wants_one_in_the_alignment(
+    elsewhere: Views, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    arguments = nerfstudio(tmp_path / "foreign", elsewhere)
+    for file, edit in (("transforms", {"applied_scale": 0.8}), ("alignment", {})):
+        path = tmp_path / f"foreign/{file}.json"
+        data = {**json.loads(path.read_text()), **edit}
+        if file == "alignment":
+            del data["metres_per_unit"]
+        path.write_text(json.dumps(data))
+    assert cli.main(["import", *arguments, "--out", str(tmp_path / "scene")]) == 2
+    assert "transforms.json: applied_scale 0.8" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("image,x,y,z,qx,qy,qz,qw,x\na,0,0,0,0,0,0,1,2\n", "the column 'x' is there twice"),
+        ("image,x,y,z,qx,qy,qz,qw\na,0,0,0,0,0,0\n", "line 2: has more or fewer cells"),
+        ("image,x,y,z,qx,qy,qz,qw\na,0,0,0,0,0,0,1,9\n", "line 2: has more or fewer cells"),
+        ("image,x_mm,x,y,z,qx,qy,qz,qw\na,0,0,0,0,0,0,0,1\n", "'x_mm' is a unit of length"),
+    ],
+)
+def test_a_csv_file_that_is_not_understood_is_refused(
+    tmp_path: Path, elsewhere: Views, text: str, message: str
+):
+    file = write_robot(tmp_path, elsewhere, is_csv=True)
+    (tmp_path / "poses.csv").write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_robot(file)
+
+
+def test_a_view_of_the_robot_may_have_a_lens_of_its_own(tmp_path: Path, elsewhere: Views):
+    file = write_robot(tmp_path, elsewhere)
+    data = json.loads(file.read_text())
+    data["views"][1].update(D=[0.1, 0, 0, 0, 0], fl_x=61.0)
+    file.write_text(json.dumps(data))
+    shots = [entry.read() for entry in read_robot(file)]
+    assert shots[1].lens.radial[0] == 0.1
+    assert shots[1].lens.intrinsics[0, 0] == 61
+    assert not shots[0].lens.is_distorted
+
+
+@pytest.mark.parametrize("chosen", [[], ["--views", "view_0", "view_1"]])
+def test_a_photo_with_two_poses_is_refused(
+    elsewhere: Views, tmp_path: Path, capsys: pytest.CaptureFixture[str], chosen: list[str]
+):
+    arguments = nerfstudio(tmp_path / "foreign", elsewhere)
+    file = tmp_path / "foreign/transforms.json"
+    data = json.loads(file.read_text())
+    data["frames"].append({**data["frames"][2], "file_path": data["frames"][0]["file_path"]})
+    file.write_text(json.dumps(data))
+    assert cli.main(["import", *arguments, *chosen, "--out", str(tmp_path / "scene")]) == 2
+    assert (
+        "the photo images/view_0.png is there twice; which of its poses is meant?" in capsys.readouterr().err
+    )

@@ -16,6 +16,10 @@ from neugrasp.views import Views
 
 FARTHEST_CAMERA = 10.0
 """Metres between a camera and the workspace; beyond it the numbers are taken for millimetres."""
+LARGEST_NUMBER = 1e9
+"""Of anything that is measured; squares of larger numbers lose the small ones beside them."""
+SMALLEST_PART = 8
+"""Pixels of a padded photo that were measured, across."""
 OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 
 logger = logging.getLogger(__name__)
@@ -33,6 +37,8 @@ def numbers(value: Any, shape: tuple[int, ...], where: str) -> Array:
         raise InputError(f"{where}: {given}; it must be {wanted}")
     if not np.all(np.isfinite(array)):
         raise InputError(f"{where}: contains NaN or infinity; it must be {wanted}, all finite")
+    if np.any(np.abs(array) > LARGEST_NUMBER):
+        raise InputError(f"{where}: {np.abs(array).max():.3g} is no length and no pixel; it must be {wanted}")
     return array
 
 
@@ -84,10 +90,12 @@ def check_sensed(value: Any, width: int, height: int, where: str) -> Box | None:
     if value is None:
         return None
     left, top, right, bottom = numbers(value, (4,), where).tolist()
-    is_in_photo = left < width - 0.5 and top < height - 0.5 and right > -0.5 and bottom > -0.5
-    if not (left < right and top < bottom and is_in_photo):
+    seen_width = min(right, width - 0.5) - max(left, -0.5)
+    seen_height = min(bottom, height - 0.5) - max(top, -0.5)
+    if min(seen_width, seen_height) < SMALLEST_PART:
         raise InputError(
-            f"{where}: an empty part; it must be [left, top, right, bottom] in pixels of the photo"
+            f"{where}: an empty part, or one of less than {SMALLEST_PART} pixels across; it must be "
+            "[left, top, right, bottom] in pixels of the photo"
         )
     return (left, top, right, bottom)
 
@@ -120,6 +128,13 @@ def sees(camera: Camera, workspace: Workspace) -> bool:
     left, top, right, bottom = camera.bounds
     u, v = pixels[:, 0], pixels[:, 1]
     return bool(np.any((depth > 0.01) & (u >= left) & (u < right) & (v >= top) & (v < bottom)))
+
+
+def is_plausible(camera: Camera, workspace: Workspace) -> bool:
+    """Whether a camera sees the workspace from above the table, and not from afar."""
+    height = (inverse(workspace.world_from_workspace) @ camera.world_from_camera)[2, 3]
+    distance = float(np.linalg.norm(camera.centre - workspace.to_world(workspace.centre)))
+    return height > workspace.table_height and distance < FARTHEST_CAMERA and sees(camera, workspace)
 
 
 def _likely_cause(cameras: list[Camera], workspace: Workspace) -> str:

@@ -6,15 +6,19 @@ The format is written down in docs/data_format.md. What else lies in the folder 
 from __future__ import annotations
 
 import json
+import logging
+import os
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 import numpy as np
 from PIL import Image as Picture
-from PIL import UnidentifiedImageError
 
 from neugrasp.data.camera_checks import check_intrinsics, check_rigid, check_scene, check_sensed, numbers
+from neugrasp.data.known_keys import refuse_bends, warn_of_unknown
+from neugrasp.data.photo_files import read_image
+from neugrasp.data.user_files import check_name, read_object
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.workspace import Workspace
@@ -23,8 +27,16 @@ from neugrasp.views import MAX_VIEWS, Image, View, Views
 FORMAT = "neugrasp-scene"
 VERSION = 1
 FILE = "scene.json"
-SMALLEST_IMAGE = 32
-"""Pixels; a smaller photo is a thumbnail or a mistake."""
+SCENE_KEYS = ("format", "version", "workspace", "views")
+WORKSPACE_KEYS = ("size", "world_from_workspace")
+VIEW_KEYS = ("image", "background", "intrinsics", "world_from_camera", "sensed")
+STRAIGHT = (
+    "photos of a scene are those of a pinhole, its poses are metric: undistort and convert, e.g. with "
+    "`neugrasp import robot`, and leave it away"
+)
+"""What to do about keys that say otherwise."""
+
+logger = logging.getLogger(__name__)
 
 
 def read_scene(path: Path) -> Views:
@@ -74,47 +86,12 @@ def write_scene(path: Path, views: Views) -> None:
     part.replace(path / FILE)
 
 
-def read_image(file: Path, where: str) -> Image:
-    """A photo as RGB, (height, width, 3). `where` says who asked for it, for the message."""
-    try:
-        with Picture.open(file) as picture:
-            if picture.mode not in ("RGB", "RGBA", "L", "LA", "P", "1"):
-                raise InputError(f"{file}: pixels of type {picture.mode}; {where} needs an 8-bit RGB photo")
-            image: Image = np.asarray(picture.convert("RGB"), dtype=np.uint8)
-    except FileNotFoundError:
-        raise InputError(f"{file}: missing; {where} names it") from None
-    except (
-        UnidentifiedImageError,
-        OSError,
-        SyntaxError,
-        ValueError,
-        Picture.DecompressionBombError,
-    ) as error:
-        if isinstance(error, InputError):
-            raise
-        reason = "no image that can be read" if isinstance(error, UnidentifiedImageError) else str(error)
-        raise InputError(f"{file}: {reason}; {where} needs a complete PNG or JPEG photo") from error
-    if min(image.shape[:2]) < SMALLEST_IMAGE:
-        raise InputError(
-            f"{file}: {image.shape[1]} x {image.shape[0]} pixels; {where} needs a photo of at least "
-            f"{SMALLEST_IMAGE} x {SMALLEST_IMAGE}"
-        )
-    return image
-
-
 def read_json(file: Path) -> dict[str, Any]:
     """The content of `scene.json`, of a format and version that this program reads."""
-    try:
-        data = json.loads(file.read_text(encoding="utf-8"))
-    except (FileNotFoundError, NotADirectoryError):
-        raise InputError(
-            f"{file}: missing; a scene is a folder with {FILE}, images/ and backgrounds/"
-        ) from None
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-        raise InputError(f"{file}: not valid JSON ({error})") from error
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read ({error.strerror})") from error
-    if not isinstance(data, dict) or data.get("format") != FORMAT:
+    if not file.exists() and not file.is_symlink():
+        raise InputError(f"{file}: missing; a scene is a folder with {FILE}, images/ and backgrounds/")
+    data = read_object(file, of="a scene")
+    if data.get("format") != FORMAT:
         raise InputError(f'{file}: not a scene; it must be an object with "format": "{FORMAT}"')
     version = data.get("version")
     if isinstance(version, int) and version > VERSION:
@@ -124,7 +101,15 @@ def read_json(file: Path) -> dict[str, Any]:
         )
     if version != VERSION or isinstance(version, bool):
         raise InputError(f"{file}: unknown scene version {version!r}; this program reads {VERSION}")
+    refuse_bends(data, SCENE_KEYS, str(file), STRAIGHT)
+    warn_of_unknown([data], SCENE_KEYS, file, logger)
+    warn_of_unknown(_objects([data.get("workspace")]), WORKSPACE_KEYS, f"{file}, workspace", logger)
+    warn_of_unknown(_objects(data.get("views")), VIEW_KEYS, f"{file}, views", logger)
     return data
+
+
+def _objects(values: Any) -> list[dict[str, Any]]:
+    return [value for value in values if isinstance(value, dict)] if isinstance(values, list) else []
 
 
 def workspace_of(data: dict[str, Any], file: Path) -> Workspace:
@@ -132,6 +117,7 @@ def workspace_of(data: dict[str, Any], file: Path) -> Workspace:
     entry = data.get("workspace")
     if not isinstance(entry, dict):
         raise InputError(f"{file}: 'workspace' must be an object with 'size' and 'world_from_workspace'")
+    refuse_bends(entry, WORKSPACE_KEYS, f"{file}, workspace", STRAIGHT)
     size = float(numbers(entry.get("size"), (), f"{file}: workspace size"))
     standard = Workspace().size
     if not np.isclose(size, standard, atol=1e-6):
@@ -145,7 +131,8 @@ def view_of(entry: Any, where: str, folder: Path) -> View:
     """One entry of 'views' with its two photos loaded."""
     if not isinstance(entry, dict):
         raise InputError(f"{where}: must be an object with image, background, intrinsics, world_from_camera")
-    image_file, background_file = (_inside(folder, entry, key, where) for key in ("image", "background"))
+    refuse_bends(entry, VIEW_KEYS, where, STRAIGHT)
+    image_file, background_file = (photo_of(folder, entry, key, where) for key in ("image", "background"))
     image, background = read_image(image_file, where), read_image(background_file, where)
     if image.shape != background.shape:
         raise InputError(
@@ -163,15 +150,28 @@ def view_of(entry: Any, where: str, folder: Path) -> View:
     return View(image, background, camera, name=entry["image"])
 
 
-def _inside(folder: Path, entry: dict[str, Any], key: str, where: str) -> Path:
-    """The file that `entry` names under `key`; only files below the scene's folder are read."""
+def photo_of(folder: Path, entry: dict[str, Any], key: str, where: str) -> Path:
+    """The file that `entry` names under `key`; only what really lies below the scene's folder is read."""
     name = entry.get(key)
     if not isinstance(name, str) or not name:
         raise InputError(f"{where}: {key!r} must be the path of a photo, relative to {FILE}")
+    check_name(name, f"{where}: {key}")
     pure = PurePosixPath(name)
-    if pure.is_absolute() or PureWindowsPath(name).is_absolute() or ".." in pure.parts or "\0" in name:
+    if "\\" in name and not os.path.lexists(folder / pure):
+        # Written on Windows; elsewhere a backslash is a letter.
+        pure = PurePosixPath(name.replace("\\", "/"))
+    if pure.is_absolute() or PureWindowsPath(name).is_absolute() or ".." in pure.parts:
         raise InputError(f"{where}: {key} {name!r} leaves the scene folder; copy the photo into the folder")
-    return folder / pure
+    file = folder / pure
+    try:
+        is_inside = file.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError) as error:
+        raise InputError(f"{where}: {key} {name!r}: cannot be followed ({error})") from error
+    if not is_inside:
+        raise InputError(
+            f"{where}: {key} {name!r} is a link that leaves the scene folder; copy the photo into the folder"
+        )
+    return file
 
 
 def _size(image: Image) -> str:

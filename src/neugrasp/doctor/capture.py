@@ -8,16 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image as Picture
 
-from neugrasp.data.scene_folder import FILE, read_json, view_of, workspace_of
+from neugrasp.data.photo_files import orientation
+from neugrasp.data.scene_folder import FILE, photo_of, read_json, view_of, workspace_of
 from neugrasp.doctor.findings import Finding, Level, Problem, green
 from neugrasp.doctor.problems import INTRINSICS_UNIT, NOT_RIGID, ROTATION_TAG, TRANSPOSED, UNITS, UNREADABLE
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import is_rigid
 from neugrasp.views import MAX_VIEWS, View, Views
-
-ORIENTATION_TAG = 274
 
 
 @dataclass(frozen=True)
@@ -149,10 +147,14 @@ def rotation_tags(folder: Path) -> list[Finding]:
 
 def _turned(folder: Path, entries: list[Any]) -> list[Finding]:
     """The photos whose file says that they are to be shown turned."""
-    turned = []
-    for name in (entry[key] for entry in entries for key in ("image", "background")):
-        with Picture.open(folder / name) as picture:
-            if picture.getexif().get(ORIENTATION_TAG, 1) != 1:
-                turned.append(name)
+    turned = [
+        name
+        for number, entry in enumerate(entries)
+        for name in (
+            entry[key]
+            for key in ("image", "background")
+            if orientation(photo_of(folder, entry, key, f"view {number}"), f"view {number}")
+        )
+    ]
     text = f"EXIF orientation is not 1 in {', '.join(turned)}"
     return [Finding("rotation tag", Level.YELLOW, text, ROTATION_TAG)] if turned else []

@@ -29,7 +29,7 @@ from neugrasp.simulation.cell_photos import Photographer, backgrounds
 from neugrasp.simulation.objects import ObjectLibrary, ObjectModel
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.renderer import RenderSettings
-from neugrasp.terminal import plain
+from neugrasp.terminal import printable
 
 log = logging.getLogger(__name__)
 
@@ -86,7 +86,7 @@ class Bench:
         except Exception as error:
             log.exception("round %d crashed", index)
             seconds = {"crash": time.perf_counter() - start}
-            details = plain(traceback.format_exception_only(error)[-1].strip())
+            details = printable(traceback.format_exception_only(error)[-1].strip())
             return Episode(index, 0, CRASHED, error=details, timing_s=seconds)
 
     def _play(self, index: int) -> Episode:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,17 +10,22 @@ from pathlib import Path
 import numpy as np
 
 from neugrasp.data.camera_checks import numbers
+from neugrasp.data.known_keys import refuse_bends, warn_of_unknown
+from neugrasp.data.user_files import read_object
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, rigid
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.importers.files import pose_of, read_object
+from neugrasp.importers.files import pose_of
 
+KEYS = ("metres_per_unit", "world_from_reconstruction", "world_from_workspace")
 LARGEST_RESIDUAL = 0.01
 """Metres between the cameras of the reconstruction and those that see the board."""
 LARGEST_TURN = 2.0
 """Degrees between them."""
 SHORTEST_BASELINE = 0.03
 """Metres: root mean square distance of the cameras from their middle, below which no scale can be told."""
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -31,6 +37,10 @@ class Alignment:
     """4x4, metres."""
     residual: float = 0.0
     """Root mean square distance between the cameras of both, metres; 0 where it was given."""
+    says_scale: bool = True
+    """Whether a file gave the scale, rather than leaving it at 1."""
+    says_place: bool = True
+    """Whether a file gave the place, rather than leaving it."""
 
 
 def read_alignment(file: Path) -> tuple[Alignment, Workspace]:
@@ -40,13 +50,16 @@ def read_alignment(file: Path) -> tuple[Alignment, Workspace]:
     may be absent where the poses are metric and in the world already.
     """
     data = read_object(file)
+    refuse_bends(data, KEYS, str(file), "say it as metres_per_unit and world_from_reconstruction")
+    warn_of_unknown([data], KEYS, file, logger)
     metres = float(numbers(data.get("metres_per_unit", 1.0), (), f"{file}: metres_per_unit"))
     if metres <= 0:
         raise InputError(f"{file}: metres_per_unit is {metres:g}; it must be positive")
     world = data.get("world_from_reconstruction")
     pose = np.eye(4) if world is None else pose_of(world, f"{file}: world_from_reconstruction")
     cube = pose_of(data.get("world_from_workspace"), f"{file}: world_from_workspace")
-    return Alignment(metres, pose), Workspace(world_from_workspace=cube)
+    alignment = Alignment(metres, pose, 0.0, "metres_per_unit" in data, world is not None)
+    return alignment, Workspace(world_from_workspace=cube)
 
 
 def align(

@@ -6,20 +6,28 @@ of the paper. Lying on the table, z points up.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
-from neugrasp.data.camera_checks import numbers
-from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, apply, rigid, rotation_about
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.importers.files import pose_of, read_object
 
 GAP = 0.02
 """Metres between the board and the cube where nothing else is said: paper is not gripped."""
+Upright = Literal["official", "opencv"]
+"""Whose pictures of AprilTags are printed: those of the family, or OpenCV's, which stand on their heads."""
+
+
+FIRST_TAGS = {
+    "DICT_APRILTAG_16H5": 0x231B,
+    "DICT_APRILTAG_25H9": 0x155CBF1,
+    "DICT_APRILTAG_36H10": 0x1CA92A687,
+    "DICT_APRILTAG_36H11": 0xD5D628584,
+}
+"""Tag 0 of the families of AprilTags in their official pictures: bits by rows from the upper left, 1 is "
+"white."""
 
 
 @dataclass(frozen=True)
@@ -33,11 +41,30 @@ class Charuco:
     marker: float = 0.027
     """Metres."""
     dictionary: str = "DICT_4X4_50"
+    legacy: bool = False
+    """Whether the upper left square is white where the number of rows is even, as OpenCV drew it before "
+    "4.6."""
 
     @property
     def size(self) -> tuple[float, float]:
         """Width and height of the print in metres."""
         return self.columns * self.square, self.rows * self.square
+
+    def markers(self) -> Array:
+        """Corners (n, 4, 3) of the markers by their numbers, in the board's frame, from the upper left on
+        clockwise."""
+        starts_white = self.legacy and self.rows % 2 == 0
+        places = [
+            (column, row)
+            for row in range(self.rows)
+            for column in range(self.columns)
+            if (row + column) % 2 == (0 if starts_white else 1)
+        ]
+        centres = (np.array(places) + 0.5) * self.square
+        middles = np.stack([centres[:, 0], self.size[1] - centres[:, 1]], axis=-1)
+        square = self.marker / 2 * np.array([(-1, 1), (1, 1), (1, -1), (-1, -1)])
+        corners = middles[:, None] + square
+        return np.concatenate([corners, np.zeros((*corners.shape[:2], 1))], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -45,8 +72,18 @@ class Tag:
     """One marker on the table."""
 
     number: int
-    corners: Array
-    """(4, 3) in the board's frame, metres, from the upper left of the upright tag on clockwise."""
+    size: float
+    """Edge of the black square, metres."""
+    centre: tuple[float, float] = (0.0, 0.0)
+    """In the board's frame, metres."""
+    turn: float = 0.0
+    """Radians against the clock, seen from above."""
+
+    @property
+    def corners(self) -> Array:
+        """(4, 3) in the board's frame, metres, from the upper left of the upright tag on clockwise."""
+        square = self.size / 2 * np.array([(-1, 1, 0), (1, 1, 0), (1, -1, 0), (-1, -1, 0)])
+        return apply(rigid(rotation_about((0, 0, 1), self.turn), (*self.centre, 0.0)), square)
 
 
 @dataclass(frozen=True)
@@ -55,12 +92,30 @@ class Tags:
 
     tags: tuple[Tag, ...]
     dictionary: str = "DICT_APRILTAG_36h11"
+    upright: Upright | None = None
+    """Of AprilTags; None where it was not said."""
 
     @property
     def size(self) -> tuple[float, float]:
         """How far the tags reach in x and in y, metres."""
         reach = np.concatenate([tag.corners for tag in self.tags]).max(axis=0)
         return float(reach[0]), float(reach[1])
+
+    @property
+    def first_picture(self) -> Array | None:
+        """Tag 0 of a family of AprilTags as its official picture has it, (n, n) of 0 and 1: it says how a
+        library's own pictures are turned. None for other dictionaries, whose pictures are all alike."""
+        code = FIRST_TAGS.get(self.dictionary.upper())
+        if code is None:
+            return None
+        side = int(self.dictionary.upper().rsplit("_", 1)[1].split("H")[0]) ** 0.5
+        bits = np.array([(code >> place) & 1 for place in reversed(range(round(side) ** 2))])
+        return bits.reshape(round(side), round(side)).astype(np.float64)
+
+    @property
+    def is_ambiguous(self) -> bool:
+        """Whether it is open whose pictures the tags are."""
+        return self.upright is None and self.dictionary.upper() in FIRST_TAGS
 
 
 @dataclass(frozen=True)
@@ -80,67 +135,10 @@ class Board:
         place = ((width - workspace.size) / 2, height + GAP, -workspace.table_height)
         return Workspace(world_from_workspace=rigid(translation=place))
 
-
-def read_board(name: str) -> Board:
-    """The board of a file, or the one called `default`. Raises `InputError` naming file and field.
-
-    `{"kind": "charuco", "columns": 7, "rows": 5, "square": 0.036, "marker": 0.027,
-    "dictionary": "DICT_4X4_50"}` or `{"kind": "tags", "dictionary": "DICT_APRILTAG_36h11",
-    "tags": [{"id": 0, "size": 0.05, "centre": [x, y], "turn_deg": 0}]}`, either with `board_from_workspace`.
-    """
-    if name == "default":
-        return Board()
-    file = Path(name)
-    data = read_object(file)
-    kind = data.get("kind")
-    if kind not in ("charuco", "tags"):
-        raise InputError(f"{file}: kind is {kind!r}; it must be 'charuco' or 'tags'")
-    place = data.get("board_from_workspace")
-    pose = None if place is None else pose_of(place, f"{file}: board_from_workspace")
-    return Board(_charuco(data, file) if kind == "charuco" else _tags(data, file), pose)
-
-
-def _charuco(data: dict[str, Any], file: Path) -> Charuco:
-    standard = Charuco()
-
-    def value(key: str) -> float:
-        return float(numbers(data.get(key, getattr(standard, key)), (), f"{file}: {key}"))
-
-    if not isinstance(data.get("dictionary", ""), str):
-        raise InputError(f"{file}: dictionary must be a name, e.g. {standard.dictionary}")
-
-    board = Charuco(
-        round(value("columns")),
-        round(value("rows")),
-        value("square"),
-        value("marker"),
-        str(data.get("dictionary", standard.dictionary)),
-    )
-    if not (board.columns >= 3 and board.rows >= 3 and 0.005 <= board.marker < board.square <= 0.2):
-        raise InputError(
-            f"{file}: needs 3 columns and rows at least, and 0.005 m <= marker < square <= 0.2 m (metres!)"
+    def drawn(self, upright: Upright) -> Board:
+        """The same board where it is known whose pictures its tags are."""
+        return (
+            replace(self, print=replace(self.print, upright=upright))
+            if isinstance(self.print, Tags)
+            else self
         )
-    return board
-
-
-def _tags(data: dict[str, Any], file: Path) -> Tags:
-    entries = data.get("tags")
-    if not isinstance(entries, list) or not entries:
-        raise InputError(f"{file}: 'tags' must be a list of at least one tag")
-    tags = []
-    for i, entry in enumerate(entries):
-        where = f"{file}, tag {i}"
-        if not isinstance(entry, dict):
-            raise InputError(f"{where}: must be an object with id, size, centre")
-        number = round(float(numbers(entry.get("id"), (), f"{where}: id")))
-        size = float(numbers(entry.get("size"), (), f"{where}: size"))
-        if not 0.005 <= size <= 0.5:
-            raise InputError(
-                f"{where}: size {size:g} m; it must be 0.005 to 0.5 (the black square, in metres)"
-            )
-        centre = numbers(entry.get("centre", [0, 0]), (2,), f"{where}: centre")
-        turn = np.deg2rad(float(numbers(entry.get("turn_deg", 0), (), f"{where}: turn_deg")))
-        square = size / 2 * np.array([(-1, 1, 0), (1, 1, 0), (1, -1, 0), (-1, -1, 0)])
-        board_from_tag = rigid(rotation_about((0, 0, 1), turn), (*centre, 0.0))
-        tags.append(Tag(number, apply(board_from_tag, square)))
-    return Tags(tuple(tags), str(data.get("dictionary", "DICT_APRILTAG_36h11")))

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from neugrasp.data.scene_folder import read_image
+from neugrasp.data.photo_files import read_image
+from neugrasp.data.user_files import read_object
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, apply, inverse
 from neugrasp.importers.board import Board
-from neugrasp.importers.files import read_object
 from neugrasp.importers.lens import Lens
-from neugrasp.importers.markers import Sighting, calibrate, find_board
-from neugrasp.importers.photos import Pair, is_photo
-from neugrasp.importers.robot_poses import lens_of
+from neugrasp.importers.markers import Sighting, calibrate, find_board, other_markers
+from neugrasp.importers.photo_folder import PhotoFolder
+from neugrasp.importers.photos import Pair
+from neugrasp.importers.robot_poses import camera_of
 from neugrasp.importers.shots import Shot
 
 STILL = 1.0
@@ -29,6 +30,13 @@ def board_shots(folder: Path, pairs: Mapping[str, Pair], board: Board) -> list[S
     """The camera of every pair in the board's frame. Raises `InputError` where a photo shows no board."""
     lens = _lens(folder, pairs, board)
     return [_shot(name, pair, lens, board) for name, pair in pairs.items()]
+
+
+def strangers(board: Board, pairs: Mapping[str, Pair]) -> str:
+    """What else is printed in the first of the backgrounds; empty where nothing of the kind is."""
+    file = next(iter(pairs.values())).background
+    seen = other_markers(board, read_image(file, "the board"))
+    return f". {file}: {seen}" if seen else ""
 
 
 def sight(board: Board, pair: Pair, shot: Shot) -> Sighting | None:
@@ -44,9 +52,8 @@ def sight(board: Board, pair: Pair, shot: Shot) -> Sighting | None:
 def _shot(name: str, pair: Pair, lens: Lens, board: Board) -> Shot:
     background, image = (_in_photo(board, file, lens) for file in (pair.background, pair.image))
     if background is None:
-        raise InputError(
-            f"{pair.background}: the board is not found; it must lie flat, whole and sharp in the photo"
-        )
+        text = f"{pair.background}: the board is not found; it must lie flat, whole and sharp in the photo"
+        raise InputError(text + strangers(board, {name: pair}))
     logger.info("%s: %d corners within %.2f pixels", name, background.num_points, background.error)
     world_from_background = inverse(background.camera_from_board)
     if image is None:
@@ -75,18 +82,22 @@ def _in_photo(board: Board, file: Path, lens: Lens) -> Sighting | None:
             f"{file}: {photo.shape[1]} x {photo.shape[0]} pixels; its camera was calibrated for "
             f"{lens.width} x {lens.height}"
         )
-    return find_board(board, photo, lens)
+    try:
+        return find_board(board, photo, lens)
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from error
 
 
 def _lens(folder: Path, pairs: Mapping[str, Pair], board: Board) -> Lens:
     """`camera.json` of the folder, or a calibration from the photos in `calibration` and the backgrounds."""
     file = folder / "camera.json"
-    if file.is_file():
-        return lens_of(read_object(file), file)
-    extra = folder / "calibration"
-    files: Sequence[Path] = sorted(extra.iterdir()) if extra.is_dir() else []
-    files = [*filter(is_photo, files), *(pair.background for pair in pairs.values())]
-    lens = calibrate(board, [read_image(file, "the calibration") for file in files])
+    if file.exists():
+        return camera_of(read_object(file), file)
+    files = [*PhotoFolder(folder / "calibration").photos, *(pair.background for pair in pairs.values())]
+    try:
+        lens = calibrate(board, [read_image(file, "the calibration") for file in files])
+    except InputError as error:
+        raise InputError(f"{folder}: {error}") from error
     fx, fy, k1 = lens.intrinsics[0, 0], lens.intrinsics[1, 1], lens.radial[0]
     logger.info("calibrated with %d photos: fx %.1f, fy %.1f pixels, k1 %.3f", len(files), fx, fy, k1)
     return lens

@@ -1,54 +1,49 @@
-"""Sparse models of COLMAP, as text and as binary: camera_from_world, wxyz, pixels counted from the corner."""
+"""Sparse models of COLMAP, as text and as binary: camera_from_world, wxyz."""
 
 from __future__ import annotations
 
+import logging
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from neugrasp.data.user_files import check_name, read_bytes, read_text
 from neugrasp.errors import InputError
-from neugrasp.geometry.pose import from_quaternion, inverse
-from neugrasp.importers.lens import Lens, lens_from_corner
-from neugrasp.importers.shots import Shot
+from neugrasp.geometry.pose import Array, from_quaternion, inverse
+from neugrasp.importers.colmap_cameras import MODELS, ColmapCamera, model_of
+from neugrasp.importers.shots import Listed, Shot
 
-MODELS = (
-    "SIMPLE_PINHOLE",
-    "PINHOLE",
-    "SIMPLE_RADIAL",
-    "RADIAL",
-    "OPENCV",
-    "OPENCV_FISHEYE",
-    "FULL_OPENCV",
-    "FOV",
-    "SIMPLE_RADIAL_FISHEYE",
-    "RADIAL_FISHEYE",
-    "THIN_PRISM_FISHEYE",
-)
-"""By their number in binary files."""
-PINHOLES = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
-PARAMETERS = dict(zip(MODELS, (3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12), strict=True))
+Cameras = dict[int, ColmapCamera]
+OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
+POSE_FIELDS = 10
+"""Of the first line of an image: number, quaternion, translation, camera, name."""
+
+logger = logging.getLogger(__name__)
 
 
-def read_model(folder: Path) -> list[Shot]:
-    """All registered images of the model in `folder`, binary where it has both. Raises `InputError`."""
+def read_model(folder: Path) -> list[Listed]:
+    """All registered images of the model in `folder`, binary where it has both. Raises `InputError`.
+
+    Of newer models with rigs, cameras and images say all that is needed: every image has its own pose.
+    """
     for suffix, read_cameras, read_images in (
         ("bin", _binary_cameras, _binary_images),
         ("txt", _text_cameras, _text_images),
     ):
         cameras_file, images_file = folder / f"cameras.{suffix}", folder / f"images.{suffix}"
-        if cameras_file.is_file() and images_file.is_file():
+        if cameras_file.exists() and images_file.exists():
             try:
-                lenses = dict(read_cameras(cameras_file))
-                shots = list(read_images(images_file, lenses))
+                cameras = _by_number(cameras_file, read_cameras(cameras_file))
+                listed = list(read_images(images_file, cameras))
             except InputError:
                 raise
-            except (ValueError, KeyError, IndexError, struct.error) as error:
+            except (ValueError, KeyError, IndexError, OverflowError, MemoryError, struct.error) as error:
                 raise InputError(f"{folder}: damaged COLMAP model ({error!r})") from error
-            if not shots:
+            if not listed:
                 raise InputError(f"{images_file}: no image is registered in this model")
-            return shots
+            return listed
     models = sorted(str(file.parent) for file in folder.rglob("cameras.*") if file.suffix in (".bin", ".txt"))
     hint = f"; did you mean {models[0]}?" if models else ""
     raise InputError(
@@ -56,60 +51,132 @@ def read_model(folder: Path) -> list[Shot]:
     )
 
 
-def _lens(model: str, size: tuple[int, int], values: Sequence[float], file: Path) -> Lens:
-    """The lens of a camera with COLMAP's parameters."""
-    if model not in PINHOLES or (model == "FULL_OPENCV" and any(values[9:])):
+def _by_number(file: Path, cameras: Iterable[ColmapCamera]) -> Cameras:
+    found: Cameras = {}
+    for camera in cameras:
+        if found.setdefault(camera.number, camera) is not camera:
+            raise InputError(f"{file}: two cameras have the number {camera.number}; is the file damaged?")
+    return found
+
+
+def _listed(file: Path, name: str, pose: Sequence[float], camera: int, cameras: Cameras) -> Listed:
+    """An image with qw, qx, qy, qz, tx, ty, tz as they are written."""
+    check_name(name, str(file))
+    if camera not in cameras:
+        raise InputError(f"{file}: {name} has camera {camera}, which is not in the cameras' file")
+    return Listed(name, lambda: _shot(file, name, pose, cameras[camera]))
+
+
+def _shot(file: Path, name: str, pose: Sequence[float], camera: ColmapCamera) -> Shot:
+    if not np.all(np.isfinite(pose)) or np.abs(pose).max() > 1e9:
+        raise InputError(f"{file}: {name}: the pose is not finite; is the file damaged?")
+    norm = float(np.linalg.norm(pose[:4]))
+    if not 0.99 < norm < 1.01:
         raise InputError(
-            f"{file}: camera model {model} cannot be undistorted here, only {', '.join(PINHOLES)} (the last "
-            "without k4 to k6); undistort the photos first: `colmap image_undistorter`"
+            f"{file}: {name}: no pose (quaternion of length {norm:.3g}, it must be 1); is the file damaged?"
         )
-    if PARAMETERS[model] != len(values):
-        raise InputError(f"{file}: {model} has {PARAMETERS[model]} parameters, not {len(values)}")
-    has_one_focal_length = model in ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
-    focal = (values[0], values[0] if has_one_focal_length else values[1])
-    cx, cy, *bends = values[1 if has_one_focal_length else 2 :]
-    # k1 and k2, then, in the models of OpenCV, p1, p2 and k3.
-    k1, k2, p1, p2, k3 = [*bends, *[0.0] * 5][:5]
-    return lens_from_corner(focal, (cx, cy), size, f"{file}: {model}", (k1, k2, k3), (p1, p2))
+    w, x, y, z = pose[:4]
+    written = from_quaternion([x, y, z, w], np.array(pose[4:]))
+    reordered = from_quaternion([w, x, y, z], np.array(pose[4:]))
+    return Shot(name, camera.lens(), inverse(written), suspects=_suspects(file.name, written, reordered))
 
 
-def _shot(name: str, quaternion_wxyz: Sequence[float], translation: Sequence[float], lens: Lens) -> Shot:
-    w, x, y, z = quaternion_wxyz
-    norm = float(np.linalg.norm(quaternion_wxyz))
-    if not 0.99 < norm < 1.01 or not np.all(np.isfinite(translation)):
-        raise ValueError(f"{name}: no pose (quaternion of length {norm:.3g})")
-    return Shot(name, lens, inverse(from_quaternion([x, y, z, w], np.array(translation))))
+def _suspects(file: str, written: Array, reordered: Array) -> dict[str, Array]:
+    right = "COLMAP's poses are world-to-camera (OpenCV axes, quaternion w, x, y, z)"
+    return {
+        f"{file} holds camera-to-world poses; {right}: write the inverse": written,
+        f"{file} holds camera-to-world poses with OpenGL axes; {right}: multiply by diag(1, -1, -1, 1) from "
+        "the right and write the inverse": written @ OPENGL,
+        f"{file} has poses with OpenGL axes; {right}: multiply by diag(1, -1, -1, 1) from the left": inverse(
+            written
+        )
+        @ OPENGL,
+        f"{file} has quaternions in the order x, y, z, w; {right}": inverse(reordered),
+        f"{file} holds camera-to-world poses with quaternions in the order x, y, z, w; {right}": reordered,
+    }
 
 
 def _lines(file: Path) -> list[str]:
-    lines = file.read_text(encoding="utf-8").splitlines()
+    lines = read_text(file).replace("\r\n", "\n").split("\n")
     return [line for line in lines if not line.startswith("#")]
 
 
-def _text_cameras(file: Path) -> Iterator[tuple[int, Lens]]:
+def _text_cameras(file: Path) -> Iterator[ColmapCamera]:
     for line in filter(str.strip, _lines(file)):
         number, model, width, height, *values = line.split()
-        yield int(number), _lens(model, (int(width), int(height)), [float(v) for v in values], file)
+        yield ColmapCamera(
+            file, int(number), model, int(width), int(height), tuple(float(value) for value in values)
+        )
 
 
-def _text_images(file: Path, lenses: dict[int, Lens]) -> Iterator[Shot]:
-    """Two lines for every image; the second, with the points, may be empty."""
+def _text_images(file: Path, cameras: Cameras) -> Iterator[Listed]:
+    """Two lines for every image: its pose, then its points. Scripts that write models often leave the second
+    line out where there are no points, although it must be there and empty; both are understood."""
     lines = _lines(file)
-    while lines and not lines[0].strip():
-        lines.pop(0)
-    for line in lines[::2]:
-        if line.strip():
-            # The name comes last and may hold blanks.
-            _, qw, qx, qy, qz, tx, ty, tz, camera, name = line.split(maxsplit=9)
-            pose = [float(value) for value in (qw, qx, qy, qz, tx, ty, tz)]
-            yield _shot(name.strip(), pose[:4], pose[4:], lenses[int(camera)])
+    missing = 0
+    place = 0
+    while place < len(lines):
+        line = lines[place]
+        place += 1
+        if not line.strip():
+            continue
+        if not _is_pose(line):
+            raise InputError(_no_line_of_an_image(file, line))
+        # The name comes last and may hold blanks.
+        _, *pose, camera, name = line.split(maxsplit=POSE_FIELDS - 1)
+        yield _listed(file, name.strip(), [float(value) for value in pose], int(camera), cameras)
+        if place < len(lines) and _is_pose(lines[place]):
+            missing += 1
+        elif place < len(lines) and not _is_points(lines[place]):
+            raise InputError(_no_line_of_an_image(file, lines[place]))
+        else:
+            place += 1
+    if missing:
+        logger.warning(
+            "%s: after %d images the line of the points is missing; it must be there, empty without points",
+            file,
+            missing,
+        )
+
+
+def _no_line_of_an_image(file: Path, line: str) -> str:
+    return (
+        f"{file}: {line[:60]!r} is neither the pose of an image (number, quaternion, translation, camera, "
+        "name) nor the points of one (x, y, number of the point, ...); is the file damaged?"
+    )
+
+
+def _is_pose(line: str) -> bool:
+    """Whether a line is an image's first one."""
+    words = line.split()
+    if len(words) < POSE_FIELDS or _is_points(line):
+        return False
+    return words[0].isdecimal() and words[8].isdecimal() and all(map(_is_number, words[1:8]))
+
+
+def _is_points(line: str) -> bool:
+    """Whether a line is an image's second one: threes of two numbers and a whole one, or nothing."""
+    words = line.split()
+    return (
+        len(words) % 3 == 0
+        and all(map(_is_number, words))
+        and all(word.removeprefix("-").isdecimal() for word in words[2::3])
+    )
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 class _Bytes:
     """Little-endian numbers one after the other."""
 
     def __init__(self, file: Path):
-        self.data, self.place = file.read_bytes(), 0
+        self.data, self.place = read_bytes(file), 0
 
     def take(self, kinds: str) -> tuple[float, ...]:
         values = struct.unpack_from("<" + kinds, self.data, self.place)
@@ -129,18 +196,16 @@ class _Bytes:
         return word
 
 
-def _binary_cameras(file: Path) -> Iterator[tuple[int, Lens]]:
+def _binary_cameras(file: Path) -> Iterator[ColmapCamera]:
     data = _Bytes(file)
     (count,) = data.take("Q")
     for _ in range(int(count)):
         number, kind, width, height = (int(value) for value in data.take("iiQQ"))
-        if not 0 <= kind < len(MODELS):
-            raise InputError(f"{file}: unknown camera model {kind}")
-        values = data.take("d" * PARAMETERS[MODELS[kind]])
-        yield number, _lens(MODELS[kind], (width, height), values, file)
+        model = model_of(kind, file)
+        yield ColmapCamera(file, number, model, width, height, data.take("d" * MODELS[model]))
 
 
-def _binary_images(file: Path, lenses: dict[int, Lens]) -> Iterator[Shot]:
+def _binary_images(file: Path, cameras: Cameras) -> Iterator[Listed]:
     data = _Bytes(file)
     (count,) = data.take("Q")
     for _ in range(int(count)):
@@ -148,4 +213,4 @@ def _binary_images(file: Path, lenses: dict[int, Lens]) -> Iterator[Shot]:
         name = data.word()
         (points,) = data.take("Q")
         data.skip(24 * int(points))
-        yield _shot(name, pose[:4], pose[4:], lenses[int(camera)])
+        yield _listed(file, name, pose, int(camera), cameras)

@@ -61,7 +61,7 @@ class PrintBoard:
 
     def run(self) -> str:
         """The file's name and how to print it."""
-        from neugrasp.importers.board import read_board
+        from neugrasp.importers.board_file import read_board
         from neugrasp.importers.sheet import write_sheet
 
         write_sheet(self.out, read_board(self.board), self.paper)

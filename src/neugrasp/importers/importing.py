@@ -8,22 +8,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from PIL import Image as Picture
-
 from neugrasp.data.camera_checks import check_scene
+from neugrasp.data.photo_files import image_size
 from neugrasp.data.scene_folder import write_scene
 from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import inverse
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.importers.alignment import align, read_alignment
-from neugrasp.importers.board import read_board
-from neugrasp.importers.board_photos import board_shots, sight
+from neugrasp.importers.board_file import read_board
+from neugrasp.importers.board_photos import board_shots, sight, strangers
 from neugrasp.importers.colmap import read_model
-from neugrasp.importers.nerfstudio import read_transforms
-from neugrasp.importers.photos import Pair, Photos, find, photo_names, shortened, stem_of
+from neugrasp.importers.mistakes import check_poses, explained
+from neugrasp.importers.nerfstudio import check_motion, read_transforms
+from neugrasp.importers.photo_folder import PhotoFolder
+from neugrasp.importers.photos import Pair, Photos
 from neugrasp.importers.robot_poses import read_robot
-from neugrasp.importers.shots import Shot, scene_of
+from neugrasp.importers.shots import Listed, Shot, scene_of
+from neugrasp.importers.upright import settled
 from neugrasp.views import Views
 
 Format = Literal["nerfstudio", "colmap", "robot", "board"]
@@ -60,7 +62,7 @@ def import_scene(run: ImportRun) -> Views:
         raise InputError(f"{run.source}: missing")
     photos = _photos(run)
     views = _board_scene(run, photos) if run.format == "board" else _posed_scene(run, photos)
-    check_scene(views, str(run.source))
+    check_scene(views, str(_file(run)))
     with whole_or_nothing(run.out) as part:
         write_scene(part, views)
     return views
@@ -72,8 +74,8 @@ def _board_scene(run: ImportRun, photos: Photos) -> Views:
         raise InputError("--alignment: a board says where the cube is by itself; leave one of them away")
     if not run.source.is_dir():
         raise InputError(f"{run.source}: must be a folder with images/ and backgrounds/")
-    board = read_board(run.board or "default")
-    pairs = photos.pairs(photo_names(photos.images))
+    pairs = photos.pairs(photos.images.names())
+    board = settled(read_board(run.board or "default"), pairs)
     return scene_of(board_shots(run.source, pairs, board), pairs, board.workspace())
 
 
@@ -84,35 +86,52 @@ def _posed_scene(run: ImportRun, photos: Photos) -> Views:
             "where is the cube? Give either --alignment FILE (world_from_workspace, and the reconstruction's "
             "scale) or --board default|FILE (a printed board lies in the photos)"
         )
-    shots = _shots(run, photos)
-    names = [shot.name for shot in shots]
+    listed = _listed(run, photos)
+    names = [entry.name for entry in listed]
     pairs = photos.pairs(names)
-    _tell_of_strangers(photos, names)
+    if twice := next((name for name in pairs if names.count(name) > 1), None):
+        raise InputError(f"{_file(run)}: the photo {twice} is there twice; which of its poses is meant?")
+    if not photos.chosen:
+        photos.tell_of_strangers(names)
+    shots = [entry.read() for entry in listed if entry.name in pairs]
     if run.board is not None:
         placed, workspace = _on_board(shots, pairs, run.board, is_metric=run.format == "robot")
-        return scene_of(placed, pairs, workspace)
+    else:
+        placed, workspace = _aligned(run, shots)
+    check_poses(placed, pairs, workspace, str(_file(run)))
+    return scene_of(placed, pairs, workspace)
+
+
+def _aligned(run: ImportRun, shots: list[Shot]) -> tuple[list[Shot], Workspace]:
+    """The shots and the cube as the alignment's file has them."""
     assert run.alignment is not None
     alignment, workspace = read_alignment(run.alignment)
+    if run.format == "nerfstudio":
+        check_motion(_file(run), alignment.says_scale, alignment.says_place)
     world, metres = alignment.world_from_reconstruction, alignment.metres_per_unit
-    return scene_of([shot.placed(world, metres) for shot in shots], pairs, workspace)
+    return [shot.placed(world, metres) for shot in shots], workspace
 
 
-def _shots(run: ImportRun, photos: Photos) -> list[Shot]:
+def _file(run: ImportRun) -> Path:
+    """What holds the poses, or the folder of the photos."""
+    name = {"nerfstudio": "transforms.json", "robot": "robot.json"}.get(run.format)
+    return run.source / name if name is not None and run.source.is_dir() else run.source
+
+
+def _listed(run: ImportRun, photos: Photos) -> list[Listed]:
+    file = _file(run)
     if run.format == "colmap":
-        return read_model(run.source)
-    name = {"nerfstudio": "transforms.json", "robot": "robot.json"}[run.format]
-    file = run.source / name if run.source.is_dir() else run.source
+        return read_model(file)
     if run.format == "robot":
         return read_robot(file)
 
     def size_of(name: str) -> tuple[int, int]:
-        photo = find(photos.images, name)
+        photo = photos.image_of(name)
         if photo is None:
             raise InputError(
-                f"{file}: 'w' and 'h' are missing, and so is the photo {name} in {photos.images}"
+                f"{file}: 'w' and 'h' are missing, and so is the photo {name} in {photos.images.path}"
             )
-        with Picture.open(photo) as picture:
-            return picture.size
+        return image_size(photo, name)
 
     return read_transforms(file, size_of)
 
@@ -133,32 +152,31 @@ def _photos(run: ImportRun) -> Photos:
         )
     if not images.is_dir():
         raise InputError(f"{images}: no such folder; --images names the one with the photos")
-    return Photos(images, backgrounds, run.chosen)
-
-
-def _tell_of_strangers(photos: Photos, names: list[str]) -> None:
-    """Warns of backgrounds whose photo has no pose: a reconstruction may have left it out."""
-    known = {stem_of(name) for name in names}
-    strangers = [name for name in photo_names(photos.backgrounds) if stem_of(name) not in known]
-    if strangers:
-        logger.warning("%s: no pose is known for %s; left out", photos.backgrounds, shortened(strangers))
+    return Photos(
+        PhotoFolder(images),
+        PhotoFolder(backgrounds, is_closed=True),
+        run.chosen,
+        beside=() if run.images is not None else (folder, images),
+        is_relative=run.format == "nerfstudio",
+    )
 
 
 def _on_board(
     shots: list[Shot], pairs: Mapping[str, Pair], board_name: str, is_metric: bool
 ) -> tuple[list[Shot], Workspace]:
     """A robot's world stays the robot's; that of a reconstruction without units becomes the board's frame."""
-    board = read_board(board_name)
+    board = settled(read_board(board_name), pairs)
     seen = [
         (shot, sighting)
         for shot in shots
         if shot.name in pairs and (sighting := sight(board, pairs[shot.name], shot)) is not None
     ]
-    alignment = align(
-        [shot.world_from_camera for shot, _ in seen],
-        [inverse(sighting.camera_from_board) for _, sighting in seen],
-        has_unit=is_metric,
-    )
+    cameras = [inverse(sighting.camera_from_board) for _, sighting in seen]
+    try:
+        alignment = align([shot.world_from_camera for shot, _ in seen], cameras, has_unit=is_metric)
+    except InputError as error:
+        text = explained(str(error), [shot for shot, _ in seen], cameras, is_metric)
+        raise InputError(text if seen else text + strangers(board, pairs)) from error
     logger.info(
         "the board is in %d photos; 1 unit is %.6g m; the cameras agree within %.1f mm",
         len(seen),

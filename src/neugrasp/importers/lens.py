@@ -10,6 +10,7 @@ from neugrasp.data.camera_checks import check_intrinsics
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array
 
+IDEAL_STEPS = 20
 SLOPE_STEPS = 512
 """Radii at which the distortion is examined."""
 
@@ -67,6 +68,13 @@ class Lens:
         )
         bent[square > self._turning_point(float(square.max(initial=0.0)))] = np.nan
         return np.asarray(bent * self._focal + self._centre)
+
+    def ideal(self, pixels: Array) -> Array:
+        """Where an ideal pinhole would show what the photo shows at `pixels` (n, 2), by substitution."""
+        found = pixels.copy()
+        for _ in range(IDEAL_STEPS if self.is_distorted else 0):
+            found += np.nan_to_num(pixels - self.distorted(found))
+        return found
 
     @property
     def _focal(self) -> Array:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import logging
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from neugrasp.errors import InputError
+from neugrasp.importers.photo_folder import PhotoFolder, is_photo, key_of, parts_of
 
-SUFFIXES = (".png", ".jpg", ".jpeg")
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -23,10 +25,15 @@ class Pair:
 class Photos:
     """Two folders in which photos of the same name, whatever the suffix, belong together."""
 
-    images: Path
-    backgrounds: Path
+    images: PhotoFolder
+    backgrounds: PhotoFolder
     chosen: tuple[str, ...] = ()
     """Names of the photos to use, with or without folder and suffix; by default all with a background."""
+    beside: tuple[Path, ...] = ()
+    """Folders from which absolute names, and those that lead upwards, are followed; none to keep to "
+    "`images`."""
+    is_relative: bool = False
+    """Whether every name is followed from there first, as in transforms.json."""
 
     def pairs(self, names: Sequence[str]) -> dict[str, Pair]:
         """Image and background of each of `names` that has both, in order: as chosen, or by name.
@@ -35,73 +42,81 @@ class Photos:
         lead to one file.
         """
         if self.chosen:
-            return _unique({name: self._pair(name) for name in self._chosen(names)})
-        found = {}
-        for name in sorted(names):
-            image, background = find(self.images, name), find(self.backgrounds, name)
-            if image is not None and background is not None:
-                found[name] = Pair(image, background)
+            found = {name: self._pair(name, names) for name in self._chosen(names)}
+        else:
+            found = {
+                name: Pair(image, background)
+                for name in sorted(set(names))
+                if (background := self.backgrounds.find(name)) is not None
+                and (image := self.image_of(name)) is not None
+            }
         if not found:
-            raise InputError(
-                f"none of the photos {shortened(names)} is in {self.images} and has a background of the same "
-                f"name in {self.backgrounds}; name the folders with --images and --backgrounds"
-            )
+            raise InputError(self._nothing(names))
         return _unique(found)
+
+    def image_of(self, name: str) -> Path | None:
+        """The photo of a name: where the name itself leads, or of that name in the folder of the photos."""
+        if self.is_relative or leads_away(name):
+            places = (place / name.replace("\\", "/") for place in self.beside)
+            if meant := next(filter(_is_there, places), None):
+                return meant
+        return self.images.find(name)
+
+    def tell_of_strangers(self, names: Iterable[str]) -> None:
+        """Warns of backgrounds whose photo has no pose: a reconstruction may have left it out."""
+        known = {_found(self.backgrounds.find, name) for name in names}
+        strangers = [str(file.relative_to(self.backgrounds.path)) for file in self.backgrounds.photos]
+        strangers = [name for name in strangers if self.backgrounds.path / name not in known]
+        if strangers:
+            logger.warning(
+                "%s: no pose is known for %s; left out", self.backgrounds.path, shortened(strangers)
+            )
 
     def _chosen(self, names: Sequence[str]) -> list[str]:
         """The full names of the chosen photos."""
         full = []
         for word in self.chosen:
-            fitting = [name for name in names if word in (name, PurePosixPath(name).name, stem_of(name))]
-            if len(fitting) != 1:
+            parts = parts_of(word)
+            fitting = (
+                [name for name in names if name == word]
+                or [name for name in names if parts_of(name)[-len(parts) :] == parts]
+                or [name for name in names if _alike(parts_of(name)[-len(parts) :], parts)]
+            )
+            if len(set(fitting)) != 1:
                 found = "no photo" if not fitting else f"{len(fitting)} photos"
+                hint = f": {shortened(fitting)}; name the folder, too" if fitting else ""
                 raise InputError(
-                    f"--views {word}: {found} of that name; there are {shortened(sorted(names))}"
+                    f"--views {word}: {found} of that name; there are {shortened(sorted(names))}{hint}"
                 )
             full.append(fitting[0])
         return full
 
-    def _pair(self, name: str) -> Pair:
-        files = []
-        for folder, what in ((self.images, "photo"), (self.backgrounds, "background")):
-            file = find(folder, name)
+    def _pair(self, name: str, names: Sequence[str]) -> Pair:
+        image, background = self.image_of(name), self.backgrounds.find(name)
+        for file, folder, what in (
+            (image, self.images, "photo"),
+            (background, self.backgrounds, "background"),
+        ):
             if file is None:
-                raise InputError(f"{folder}: no {what} {name}")
-            files.append(file)
-        return Pair(*files)
+                raise InputError(f"{folder.path}: no {what} {name}{folder.foreign_hint([name])}")
+        assert image is not None
+        assert background is not None
+        for file, find in ((image, self.image_of), (background, self.backgrounds.find)):
+            if rival := next((n for n in names if n != name and _found(find, n) == file), None):
+                raise InputError(
+                    f"{file}: stands for both {name} and {rival}; put it into a folder of the same name as "
+                    "in the photo's name"
+                )
+        return Pair(image, background)
 
-
-def photo_names(folder: Path) -> list[str]:
-    """The names of the photos in a folder. Raises `InputError` where there is none."""
-    names = sorted(file.name for file in folder.iterdir() if is_photo(file)) if folder.is_dir() else []
-    if not names:
-        raise InputError(f"{folder}: no photos; it must hold .png or .jpg files")
-    return names
-
-
-def is_photo(file: Path) -> bool:
-    """Whether the name of a file is that of a photo."""
-    return file.suffix.lower() in SUFFIXES and not file.name.startswith(".")
-
-
-def find(folder: Path, name: str) -> Path | None:
-    """The photo `name` in a folder, with or without the folders in the name, and with any suffix."""
-    pure = PurePosixPath(name.replace("\\", "/"))
-    for place in (folder / pure, folder / pure.name):
-        if is_photo(place) and place.is_file():
-            return place
-        stem = place.with_suffix("") if is_photo(place) else place
-        for suffix in (*SUFFIXES, *(suffix.upper() for suffix in SUFFIXES)):
-            candidate = stem.with_name(stem.name + suffix)
-            if candidate.is_file():
-                return candidate
-    return None
-
-
-def stem_of(name: str) -> str:
-    """The name of a photo without folder and suffix."""
-    pure = PurePosixPath(name)
-    return pure.stem if is_photo(Path(name)) else pure.name
+    def _nothing(self, names: Sequence[str]) -> str:
+        for folder in (self.images, self.backgrounds):
+            if hint := folder.foreign_hint(names):
+                return f"{folder.path}: none of the photos {shortened(names)} can be read{hint}"
+        return (
+            f"none of the photos {shortened(names)} is in {self.images.path} and has a background of the "
+            f"same name in {self.backgrounds.path}; name the folders with --images and --backgrounds"
+        )
 
 
 def shortened(names: Iterable[str]) -> str:
@@ -110,14 +125,46 @@ def shortened(names: Iterable[str]) -> str:
     return ", ".join(words[:8]) + (f", ... ({len(words)} in all)" if len(words) > 8 else "")
 
 
+def _alike(one: list[str], other: list[str]) -> bool:
+    """Whether two names are one but for suffix and capitals."""
+    return key_of("/".join(one)) == key_of("/".join(other))
+
+
+def leads_away(name: str) -> bool:
+    """Whether a name is absolute or leads upwards."""
+    pure = PurePosixPath(name.replace("\\", "/"))
+    return pure.is_absolute() or ".." in pure.parts
+
+
+def _is_there(file: Path) -> bool:
+    try:
+        return is_photo(file) and file.is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def _found(find: Callable[[str], Path | None], name: str) -> Path | None:
+    """What is found for a name that nobody asked for: nothing where several files may be meant."""
+    try:
+        return find(name)
+    except InputError:
+        return None
+
+
 def _unique(pairs: dict[str, Pair]) -> dict[str, Pair]:
-    """The pairs. Raises `InputError` where two of them share a file."""
+    """The pairs. Raises `InputError` where two photos are one file."""
     names: dict[Path, str] = {}
     for name, pair in pairs.items():
+        if pair.image.resolve() == pair.background.resolve():
+            raise InputError(
+                f"{pair.image}: is the photo {name} and its background at once; --backgrounds names the "
+                "folder with the photos of the empty table"
+            )
         for file in (pair.image, pair.background):
-            if file in names:
+            other = names.setdefault(file.resolve(), name)
+            if other != name:
                 raise InputError(
-                    f"{file}: stands for both {names[file]} and {name}; photos need names of their own"
+                    f"{file}: stands for both {other} and {name}; photos need names of their own, or "
+                    "folders of the same names"
                 )
-            names[file] = name
     return pairs

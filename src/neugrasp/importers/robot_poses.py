@@ -16,81 +16,155 @@ axes are OpenCV's, pixel centres lie at integers (as OpenCV calibrates), and the
 from __future__ import annotations
 
 import csv
+import io
+import logging
 from pathlib import Path
 from typing import Any
 
-from neugrasp.data.camera_checks import numbers
+import numpy as np
+
+from neugrasp.data.known_keys import refuse_bends, warn_of_unknown
+from neugrasp.data.user_files import check_name, read_object, read_text
 from neugrasp.errors import InputError
-from neugrasp.geometry.pose import Array
-from neugrasp.importers.files import pose_of, read_object
-from neugrasp.importers.lens import Lens, checked
-from neugrasp.importers.shots import Shot
+from neugrasp.geometry.pose import Array, from_quaternion, inverse, rigid
+from neugrasp.importers.files import pose_of
+from neugrasp.importers.foreign_lens import lens_of
+from neugrasp.importers.lens_keys import LENS_KEYS, check_lens_keys, is_lens_key
+from neugrasp.importers.shots import Listed, Shot
 
 COLUMNS = ("image", "x", "y", "z", "qx", "qy", "qz", "qw")
+FILE_KEYS = ("flange_from_camera", "views", *LENS_KEYS)
+VIEW_KEYS = ("image", "base_from_flange", "background_base_from_flange", *LENS_KEYS)
+CAMERA_KEYS = (*LENS_KEYS, "camera_name", "projection_matrix", "P", "header", "R", "rectification_matrix")
+LINK_FROM_OPTICAL = rigid([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+"""ROS: x forward, y left, z up; from z forward, x right, y down."""
+
+logger = logging.getLogger(__name__)
 
 
-def read_robot(file: Path) -> list[Shot]:
+def read_robot(file: Path) -> list[Listed]:
     """world_from_camera = base_from_flange @ flange_from_camera for every view. Raises `InputError`."""
     data = read_object(file)
-    lens = lens_of(data, file)
-    flange_from_camera = pose_of(data.get("flange_from_camera"), f"{file}: flange_from_camera")
     views = data.get("views")
-    if isinstance(views, str):
-        return [_shot(lens, flange_from_camera, *row) for row in _rows(file.parent / views)]
-    if not isinstance(views, list) or not views:
+    check_lens_keys(data, FILE_KEYS, str(file))
+    pose_of(data.get("flange_from_camera"), f"{file}: flange_from_camera")
+    if isinstance(views, str) and views:
+        rows = _rows(file.parent / views)
+    elif isinstance(views, list) and views:
+        rows = [(entry, f"{file}, view {i}") for i, entry in enumerate(views)]
+    else:
         raise InputError(f"{file}: 'views' must be a list of at least one view, or the name of a CSV file")
-    return [_shot(lens, flange_from_camera, entry, f"{file}, view {i}") for i, entry in enumerate(views)]
+    objects = [entry for entry, _ in rows if isinstance(entry, dict)]
+    keys = {key for entry in (data, *objects) for key in entry if is_lens_key(key)}
+    warn_of_unknown([data], {*FILE_KEYS, *keys}, file, logger)
+    warn_of_unknown(objects, {*VIEW_KEYS, *keys}, f"{file}, views", logger)
+    return [_listed(data, entry, where) for entry, where in rows]
 
 
-def _shot(lens: Lens, flange_from_camera: Array, entry: Any, where: str) -> Shot:
-    """The view, and its background where that has a pose of its own."""
+def camera_of(data: dict[str, Any], file: Path) -> Any:
+    """The lens of a camera's file, such as ROS's camera_info, RealSense's or Orbbec's. Raises "
+    "`InputError`."""
+    check_lens_keys(data, (*LENS_KEYS, "P", "projection_matrix"), str(file))
+    warn_of_unknown([data], {*CAMERA_KEYS, *filter(is_lens_key, data)}, file, logger)
+    return lens_of(data, str(file))
+
+
+def _listed(data: dict[str, Any], entry: Any, where: str) -> Listed:
     if not isinstance(entry, dict) or not isinstance(entry.get("image"), str) or not entry["image"]:
         raise InputError(f"{where}: must be an object with 'image' and 'base_from_flange'")
+    check_name(entry["image"], f"{where}: image")
+    return Listed(entry["image"], lambda: _shot(data, entry, where))
+
+
+def _shot(data: dict[str, Any], entry: dict[str, Any], where: str) -> Shot:
+    """The view, and its background where that has a pose of its own."""
+    check_lens_keys(entry, VIEW_KEYS, where)
+    lens = lens_of(entry, where, file=data)
+    flange_from_camera = pose_of(data["flange_from_camera"], "flange_from_camera")
     base_from_flange = pose_of(entry.get("base_from_flange"), f"{where}: base_from_flange")
     world_from_background = None
     if entry.get("background_base_from_flange") is not None:
         pose = pose_of(entry["background_base_from_flange"], f"{where}: background_base_from_flange")
         world_from_background = pose @ flange_from_camera
-    return Shot(entry["image"], lens, base_from_flange @ flange_from_camera, world_from_background)
+    suspects = {
+        f"{mistake} (robot.json)": pose
+        for mistake, pose in _suspects(data["flange_from_camera"], entry["base_from_flange"]).items()
+    }
+    world_from_camera = base_from_flange @ flange_from_camera
+    return Shot(
+        entry["image"], lens, world_from_camera, world_from_background, suspects, base_from_flange[:3, 2]
+    )
+
+
+def _suspects(hand_eye: Any, flange: Any) -> dict[str, Array]:
+    """world_from_camera after each of the usual confusions of hand-eye calibrations, undone."""
+    flange_from_camera, base_from_flange = pose_of(hand_eye, ""), pose_of(flange, "")
+    suspects = {
+        "flange_from_camera looks like camera_from_flange: write the inverse": base_from_flange
+        @ inverse(flange_from_camera),
+        "base_from_flange looks like flange_from_base: write the inverse": inverse(base_from_flange)
+        @ flange_from_camera,
+        "flange_from_camera looks like base_from_camera, of a camera beside the robot (eye-on-base): it must "
+        "be calibrated on the flange (eye-in-hand)": flange_from_camera,
+        "flange_from_camera looks like camera_from_base, of a camera beside the robot (eye-on-base): it must "
+        "be calibrated on the flange (eye-in-hand)": inverse(flange_from_camera),
+        "flange_from_camera ends in ROS's camera_link (x forward): give the optical frame (z forward)": (
+            base_from_flange @ flange_from_camera @ LINK_FROM_OPTICAL
+        ),
+        "flange_from_camera has OpenGL axes: multiply by diag(1, -1, -1, 1) from the right": base_from_flange
+        @ flange_from_camera
+        @ np.diag([1.0, -1.0, -1.0, 1.0]),
+    }
+    if (turned := _reordered(hand_eye)) is not None:
+        suspects["flange_from_camera: the quaternion looks like (w, x, y, z); (x, y, z, w) is wanted"] = (
+            base_from_flange @ turned
+        )
+    if (turned := _reordered(flange)) is not None:
+        suspects["base_from_flange: the quaternions look like (w, x, y, z); (x, y, z, w) is wanted"] = (
+            turned @ flange_from_camera
+        )
+    return suspects
+
+
+def _reordered(value: Any) -> Array | None:
+    """The pose if its quaternion is (w, x, y, z); None where it has no quaternion."""
+    if not isinstance(value, dict):
+        return None
+    w, x, y, z = np.array(value["quaternion_xyzw"], dtype=np.float64)
+    return from_quaternion([x, y, z, w], np.array(value["position"], dtype=np.float64))
 
 
 def _rows(file: Path) -> list[tuple[dict[str, Any], str]]:
     """The lines of a CSV file as views, each with where it stands."""
     try:
-        with file.open(encoding="utf-8-sig", newline="") as stream:
-            reader = csv.DictReader(stream, skipinitialspace=True)
-            missing = [column for column in COLUMNS if column not in (reader.fieldnames or ())]
-            lines = [] if missing else list(reader)
+        reader = csv.DictReader(io.StringIO(read_text(file), newline=""), skipinitialspace=True)
+        names = [name.strip() for name in reader.fieldnames or ()]
+        reader.fieldnames = names
+        lines = list(reader)
     except FileNotFoundError:
         raise InputError(f"{file}: missing; 'views' names it") from None
-    except (UnicodeDecodeError, csv.Error) as error:
+    except csv.Error as error:
         raise InputError(f"{file}: no CSV file ({error})") from error
+    missing = [column for column in COLUMNS if column not in names]
     if missing or not lines:
         raise InputError(
             f"{file}: {'no column ' + ', '.join(missing) if missing else 'no line'}; the first line must be "
             f"{','.join(COLUMNS)}, every other one a view"
         )
-    rows = []
-    for i, line in enumerate(lines):
-        pose = {
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise InputError(f"{file}: the column {twice[0]!r} is there twice; which one is meant?")
+    refuse_bends(dict.fromkeys(names, 0.5), COLUMNS, str(file))
+    warn_of_unknown([dict.fromkeys(names)], COLUMNS, file, logger)
+    return [(_view(line, i, file), f"{file}, line {i}") for i, line in enumerate(lines, start=2)]
+
+
+def _view(line: dict[str, Any], number: int, file: Path) -> dict[str, Any]:
+    if None in line or None in line.values():
+        raise InputError(f"{file}, line {number}: has more or fewer cells than the first line")
+    return {
+        "image": line["image"].strip(),
+        "base_from_flange": {
             "position": [line[column] for column in COLUMNS[1:4]],
             "quaternion_xyzw": [line[column] for column in COLUMNS[4:]],
-        }
-        rows.append(({"image": line["image"], "base_from_flange": pose}, f"{file}, line {i + 2}"))
-    return rows
-
-
-def lens_of(data: dict[str, Any], file: Path) -> Lens:
-    """The lens of an object with `intrinsics`, `width`, `height` and perhaps `distortion`, as in OpenCV."""
-    width, height = (
-        round(float(numbers(data.get(key), (), f"{file}: {key}"))) for key in ("width", "height")
-    )
-    values = data.get("distortion", [])
-    if not isinstance(values, list) or len(values) > 5:
-        raise InputError(
-            f"{file}: distortion must be [k1, k2, p1, p2, k3] as OpenCV gives it; undistort photos of other "
-            "models first"
-        )
-    k1, k2, p1, p2, k3 = numbers([*values, *[0.0] * (5 - len(values))], (5,), f"{file}: distortion").tolist()
-    intrinsics = numbers(data.get("intrinsics"), (3, 3), f"{file}: intrinsics")
-    return checked(Lens(intrinsics, width, height, (k1, k2, k3), (p1, p2)), f"{file}: intrinsics")
+        },
+    }

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from neugrasp.data.scene_folder import read_image
+from neugrasp.data.photo_files import orientation, read_image
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array, rigid
@@ -42,6 +42,10 @@ class Shot:
     """4x4, OpenCV axes; its translation in the other program's unit until `placed`."""
     world_from_background: Array | None = None
     """Of the camera that took the background, where it was not at the same place."""
+    suspects: Mapping[str, Array] = field(default_factory=dict)
+    """world_from_camera if one of the common mistakes was made in the other program's file, by its name."""
+    flange_axis: Array | None = None
+    """(3,) where the flange that holds the camera points, in the world; None without a robot."""
 
     def placed(self, new_from_world: Array, metres_per_unit: float = 1.0) -> Shot:
         """The same shot in metres and in another frame; `new_from_world` is in metres."""
@@ -54,7 +58,17 @@ class Shot:
             self,
             world_from_camera=place(self.world_from_camera),
             world_from_background=None if background is None else place(background),
+            suspects={mistake: place(pose) for mistake, pose in self.suspects.items()},
+            flange_axis=None if self.flange_axis is None else new_from_world[:3, :3] @ self.flange_axis,
         )
+
+
+@dataclass(frozen=True)
+class Listed:
+    """A photo that another program knows; its camera is read, and judged, when the photo is chosen."""
+
+    name: str
+    read: Callable[[], Shot]
 
 
 def scene_of(shots: Sequence[Shot], pairs: Mapping[str, Pair], workspace: Workspace) -> Views:
@@ -99,6 +113,14 @@ def _view(shot: Shot, pair: Pair, workspace: Workspace) -> View:
 
 def _photo(file: Path, shot: Shot) -> Image:
     photo = read_image(file, shot.name)
+    if lies := orientation(file, shot.name):
+        logger.warning(
+            "%s: EXIF orientation: the photo is stored %s. Pixels are read as they are stored, while OpenCV "
+            "and most viewers turn them: the intrinsics must be those of the stored pixels. If they are not, "
+            "store photos and backgrounds upright without the tag (`exiftran -ai`) and import again",
+            file,
+            lies,
+        )
     height, width = photo.shape[:2]
     if (width, height) != (shot.lens.width, shot.lens.height):
         turned = (height, width) == (shot.lens.width, shot.lens.height)

@@ -1,0 +1,153 @@
+"""Photos on disk: what is read of them, and what is not."""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from PIL import Image as Picture
+from PIL import UnidentifiedImageError
+
+from neugrasp.data.user_files import check_regular
+from neugrasp.errors import InputError
+from neugrasp.views import Image
+
+SMALLEST_IMAGE = 32
+"""Pixels; a smaller photo is a thumbnail or a mistake."""
+MOST_PIXELS = 100_000_000
+"""Of a photo, asked before it is decoded: a small file can hold a picture that fills the memory."""
+FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TIFF")
+"""As Pillow calls them; no other reader of its many is given a user's file."""
+FOREIGN = {
+    ".heic": "HEIC",
+    ".heif": "HEIF",
+    ".avif": "AVIF",
+    ".tif": "TIFF",
+    ".tiff": "TIFF",
+    ".webp": "WebP",
+    ".bmp": "BMP",
+    ".gif": "GIF",
+    ".jp2": "JPEG 2000",
+    ".jxl": "JPEG XL",
+    ".exr": "OpenEXR",
+    ".ppm": "PPM",
+    ".pgm": "PGM",
+    **dict.fromkeys((".dng", ".raw", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".rw2", ".raf"), "raw"),
+}
+"""Suffixes of pictures that importers do not look for, with their names."""
+DARKEST_WHITE = 64
+"""Of 255: what the brightest pixel of a photo in 16 bits must reach."""
+ORIENTATION_TAG = 274
+AS_STORED = {
+    2: "mirrored",
+    3: "turned by 180 degrees",
+    4: "mirrored, upside down",
+    5: "mirrored and turned by 90 degrees",
+    6: "turned by 90 degrees",
+    7: "mirrored and turned by 90 degrees",
+    8: "turned by 90 degrees",
+}
+"""How the pixels lie in the file, by the EXIF orientation that would set it right."""
+
+logger = logging.getLogger(__name__)
+
+
+def read_image(file: Path, where: str) -> Image:
+    """A photo as RGB, (height, width, 3), its pixels as they are stored: an EXIF orientation turns nothing.
+    `where` says who asked for it, for the message."""
+    with _opened(file, where) as picture:
+        # The decoder's argument, or the first of them, names the layout in the file, such as RGB;16B.
+        is_deep = any(";16" in str(part[3]) for part in getattr(picture, "tile", ()))
+        if picture.mode not in ("RGB", "RGBA", "L", "LA", "P", "1"):
+            raise InputError(f"{file}: pixels of type {picture.mode}; {where} needs an 8-bit RGB photo")
+        _tell_of_holes(picture, file)
+        image: Image = np.asarray(picture.convert("RGB"), dtype=np.uint8)
+        if is_deep:
+            _check_depth(image, file, where)
+    if min(image.shape[:2]) < SMALLEST_IMAGE:
+        raise InputError(
+            f"{file}: {image.shape[1]} x {image.shape[0]} pixels; {where} needs a photo of at least "
+            f"{SMALLEST_IMAGE} x {SMALLEST_IMAGE}"
+        )
+    return image
+
+
+def image_size(file: Path, where: str) -> tuple[int, int]:
+    """Width and height of a photo, which is not decoded. Raises like `read_image`."""
+    with _opened(file, where) as picture:
+        return picture.size
+
+
+def orientation(file: Path, where: str) -> str | None:
+    """How the pixels of a photo lie that an EXIF tag wants to be shown another way; None where they are
+    upright. Programs differ: OpenCV turns such a photo when it reads it, this one does not."""
+    with _opened(file, where) as picture:
+        value = picture.getexif().get(ORIENTATION_TAG, 1)
+    return None if value in (0, 1) else AS_STORED.get(value, f"tagged {value!r}")
+
+
+@contextmanager
+def _opened(file: Path, where: str) -> Iterator[Picture.Image]:
+    """The picture, not decoded yet; what goes wrong until it is closed becomes an `InputError`."""
+    try:
+        check_regular(file)
+        with warnings.catch_warnings():
+            # Pillow warns from 89 megapixels on; the limit here is our own.
+            warnings.simplefilter("ignore", Picture.DecompressionBombWarning)
+            picture = Picture.open(file, formats=FORMATS)
+        with picture:
+            _check_size(picture, file, where)
+            yield picture
+    except FileNotFoundError:
+        raise InputError(f"{file}: missing; {where} names it") from None
+    except InputError:
+        raise
+    except Picture.DecompressionBombError:
+        raise InputError(_too_large(file, "far more", where)) from None
+    except UnidentifiedImageError:
+        name = FOREIGN.get(file.suffix.lower())
+        what = f"a {name} picture, or no picture at all" if name else "no image that can be read"
+        raise InputError(f"{file}: {what}; {where} needs a complete PNG or JPEG photo") from None
+    except (OSError, SyntaxError, ValueError, TypeError, OverflowError, MemoryError) as error:
+        raise InputError(f"{file}: {error}; {where} needs a complete PNG or JPEG photo") from error
+
+
+def _check_size(picture: Picture.Image, file: Path, where: str) -> None:
+    width, height = picture.size
+    if width * height > MOST_PIXELS:
+        raise InputError(_too_large(file, f"{width} x {height} pixels, more", where))
+
+
+def _too_large(file: Path, size: str, where: str) -> str:
+    return (
+        f"{file}: {size} than the {MOST_PIXELS // 10**6} megapixels that are read; {where} needs a smaller "
+        "photo"
+    )
+
+
+def _check_depth(image: Image, file: Path, where: str) -> None:
+    """Of 16 bits a channel the upper 8 are read. Raises `InputError` where they hold no photo: sensors with
+    10 to 14 bits fill the lower ones."""
+    if image.max() < DARKEST_WHITE:
+        raise InputError(
+            f"{file}: 16 bits a channel of which the upper ones are empty (10 to 14 bits of a sensor?); "
+            f"{where} needs an 8-bit RGB photo"
+        )
+    logger.warning("%s: 16 bits a channel; the upper 8 of them are used", file)
+
+
+def _tell_of_holes(picture: Picture.Image, file: Path) -> None:
+    if "A" in picture.getbands() or "transparency" in picture.info:
+        alpha = np.asarray(picture.convert("RGBA").getchannel("A"))
+        if (share := float((alpha < 255).mean())) > 0:
+            logger.warning(
+                "%s: %.0f %% of it are transparent (alpha below 255); the colours underneath are used. "
+                "Objects that were cut out cannot be compared with the empty table: give the photo as it was "
+                "taken",
+                file,
+                max(1, 100 * share),
+            )

@@ -1,0 +1,125 @@
+"""What is wrong with poses that do not fit: the common mistakes in the file that the user has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import numpy as np
+
+from neugrasp.data.camera_checks import is_plausible
+from neugrasp.data.photo_files import read_image
+from neugrasp.errors import InputError
+from neugrasp.geometry.camera import Camera
+from neugrasp.geometry.pose import Array, rigid
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.importers.alignment import align
+from neugrasp.importers.photos import Pair
+from neugrasp.importers.shots import Shot
+from neugrasp.importers.table_agreement import TablePhoto, agreement, table_points
+
+TOOLS = np.arange(0.02, 0.3001, 0.0025)
+"""Metres from a flange to the tip of a tool."""
+DOUBTFUL, CONVINCING = 0.6, 0.8
+"""Agreement about the table below which poses are doubted, and above which a mistake, undone, is believed."""
+CLEAR = 0.25
+"""By how much they must agree better."""
+
+Mistake = tuple[str, list[Array]]
+"""Its name, and world_from_camera of all shots once it is undone."""
+Agreement = Callable[[list[Array]], float | None]
+"""How well the photos of the table agree for some poses."""
+
+
+def check_poses(shots: Sequence[Shot], pairs: Mapping[str, Pair], workspace: Workspace, where: str) -> None:
+    """Raises `InputError` where most cameras do not look down at the cube, or where the photos of the empty
+    table contradict each other, and one of the common mistakes, undone, would mend that.
+
+    Where no mistake is known, what is said of the scene later has to do; a table without a pattern tells
+    nothing.
+    """
+    still = [shot for shot in shots if shot.world_from_background is None]
+    agree = _agreement(still, pairs, workspace)
+    if sum(_plausible(shots, [shot.world_from_camera for shot in shots], workspace)) <= len(shots) / 2:
+        causes = [one for one in _mistakes(shots) if all(_plausible(shots, one[1], workspace))]
+        likely = [name for name, poses in causes if (agree(poses) or 0.0) > CONVINCING]
+        if causes:
+            text = "; or: ".join(likely or [name for name, _ in causes])
+            raise InputError(f"{where}: the cameras do not look down at the workspace; {text}")
+        return
+    # Poses so wrong that no two photos share a part of the table agree about nothing.
+    given = agree([shot.world_from_camera for shot in still]) or 0.0
+    if given >= DOUBTFUL:
+        return
+    tried = [
+        (agree(poses) or 0.0, name)
+        for name, poses in (*_mistakes(still), *_tools(still))
+        if all(_plausible(still, poses, workspace))
+    ]
+    # Of those that fit alike the likeliest, which comes first.
+    best, name = max(tried, default=(0.0, ""), key=lambda one: round(one[0], 4))
+    if best > CONVINCING and best > given + CLEAR:
+        raise InputError(
+            f"{where}: the photos of the table agree by {given:.2f} of 1 only, and by {best:.2f} once one "
+            f"mistake is undone: {name}"
+        )
+
+
+def explained(error: str, shots: Sequence[Shot], world_from_camera: Sequence[Array], has_unit: bool) -> str:
+    """The error of an alignment with the mistake, undone, that makes it fit best."""
+    fitting = []
+    for name, poses in (*_mistakes(shots), *(_tools(shots) if has_unit else ())):
+        try:
+            fitting.append((align(poses, world_from_camera, has_unit).residual, name))
+        except InputError:
+            continue
+    if not fitting:
+        return error
+    _, name = min(fitting)
+    return f"{error} {name[0].upper()}{name[1:]}"
+
+
+def _plausible(shots: Sequence[Shot], poses: Sequence[Array], workspace: Workspace) -> list[bool]:
+    return [
+        is_plausible(Camera(shot.lens.intrinsics, pose, shot.lens.width, shot.lens.height), workspace)
+        for shot, pose in zip(shots, poses, strict=True)
+    ]
+
+
+def _agreement(shots: Sequence[Shot], pairs: Mapping[str, Pair], workspace: Workspace) -> Agreement:
+    """Of the backgrounds of the shots, which are read when they are asked for."""
+    photos: list[TablePhoto] = []
+    points = table_points(workspace)
+
+    def agree(poses: list[Array]) -> float | None:
+        if len(poses) != len(shots) or len(poses) < 2:
+            return None
+        if not photos:
+            photos.extend(
+                TablePhoto.of(read_image(pairs[shot.name].background, shot.name), shot.lens) for shot in shots
+            )
+        return agreement(photos, poses, points)
+
+    return agree
+
+
+def _mistakes(shots: Sequence[Shot]) -> Iterator[Mistake]:
+    """Those that all of the shots could have."""
+    for name in shots[0].suspects if shots else ():
+        if all(name in shot.suspects for shot in shots):
+            yield name, [shot.suspects[name] for shot in shots]
+
+
+def _tools(shots: Sequence[Shot]) -> Iterator[Mistake]:
+    """The poses of a tool's tip given for those of the flange, for tools of many lengths."""
+    axes = [shot.flange_axis for shot in shots if shot.flange_axis is not None]
+    if len(axes) < len(shots):
+        return
+    for length in TOOLS:
+        yield (
+            f"base_from_flange looks like the pose of a tool's tip (TCP), {1000 * length:.0f} mm beyond the "
+            "flange: give the pose of the flange itself",
+            [
+                rigid(shot.world_from_camera[:3, :3], shot.world_from_camera[:3, 3] - length * axis)
+                for shot, axis in zip(shots, axes, strict=True)
+            ],
+        )
