@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from neugrasp.detection.detector import Detection
-from neugrasp.evaluation.contestants import DEPTH, PHOTOS, SEES, TRUTH
 from neugrasp.evaluation.declutter import Game, Judgement, declutter
+from neugrasp.evaluation.detector_registry import DETECTORS
 from neugrasp.evaluation.episode import Episode
 from neugrasp.evaluation.protocols import PROTOCOLS, STRATEGIES, protocol_of, strategy_of
 from neugrasp.evaluation.scores import scores
@@ -196,9 +196,10 @@ def test_scenes_that_look_alike_are_the_same_to_the_last_byte_for_a_detector(wor
 
 
 def test_only_measuring_sticks_are_told_the_truth():
-    assert {name for name, sees in SEES.items() if sees == TRUTH} == {"oracle", "antipodal"}
-    assert SEES["neugrasp"] == PHOTOS
-    assert SEES["vgn"] == DEPTH
+    told = {name for name, spec in DETECTORS.items() if spec.observes == "truth"}
+    assert told == {"oracle", "antipodal"}
+    assert DETECTORS["neugrasp"].observes == "photos"
+    assert DETECTORS["vgn"].observes == "depth"
 
 
 def test_depth_cameras_measure_the_table(world: World):

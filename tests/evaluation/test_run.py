@@ -12,6 +12,7 @@ import sys
 import textwrap
 import time
 from dataclasses import replace
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -22,11 +23,11 @@ import torch
 from neugrasp import cli
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
-from neugrasp.evaluation import run
+from neugrasp.evaluation import detector_registry, run
 from neugrasp.evaluation.bench import Bench
 from neugrasp.evaluation.commands import Evaluate, Story
 from neugrasp.evaluation.compare import compare
-from neugrasp.evaluation.contestants import load_contestant, weights_facts
+from neugrasp.evaluation.detector_registry import GROUP, detector_spec
 from neugrasp.evaluation.episode import Episode, read_episode
 from neugrasp.evaluation.measuring_sticks import Oracle
 from neugrasp.evaluation.rounds import Round, Rounds
@@ -193,10 +194,14 @@ def test_another_evaluation_is_refused_and_nothing_is_touched(undisturbed: Path)
         ({"workers": 0}, "--workers 0"),
         ({"rounds": 0}, "--rounds 0"),
         ({"detector": "vgn"}, "public checkpoint"),
+        ({"detector": "anygrasp"}, "choose one of neugrasp, vgn, oracle, antipodal, or name one as package"),
+        ({"detector": "nowhere:SPEC"}, "--detector nowhere:SPEC: cannot be imported"),
+        ({"detector": "toy_detector:NONE"}, "--detector toy_detector:NONE: cannot be imported"),
+        ({"detector": "toy_detector:Downwards"}, "is a type, not a DetectorSpec"),
         ({"detector": "oracle", "weights": "nowhere"}, "nowhere"),
-        ({"depth": "stereo"}, "only vgn sees depth"),
+        ({"depth": "stereo"}, "--depth stereo: antipodal sees no depth"),
         ({"threshold": 1.5}, "--threshold 1.5; it must lie between 0 and 1"),
-        ({"samples": 2}, "--samples 2: only neugrasp sees photos, not antipodal"),
+        ({"samples": 2}, "--samples 2: antipodal sees no photos"),
         ({"samples": 3, "detector": "neugrasp"}, "--samples 3; it must be a power of two"),
     ],
 )
@@ -294,10 +299,26 @@ def test_the_threshold_is_the_users_or_the_weights_or_the_protocols(tmp_path: Pa
         ({"weights": str(judged), "threshold": 0.3}, 0.3),
     ):
         config = small(tmp_path / "out", detector="oracle", **changes)
-        assert weights_facts(config)["threshold"] == threshold
-        oracle = load_contestant(config).detector
+        assert detector_spec("oracle").facts(config)["threshold"] == threshold
+        oracle = detector_spec("oracle").load(config)
         assert isinstance(oracle, Oracle)
         assert oracle.threshold == threshold
+
+
+def test_a_detector_of_another_package_plays(tmp_path: Path, photographers: ModuleType):
+    config = small(tmp_path / "out", detector="toy_detector:SPEC", rounds=1, seed=31)
+    metrics = evaluate(config, photographers.NoisePhotographer)
+    assert metrics["detector"] == "toy_detector:SPEC"
+    assert metrics["attempts"] >= 1
+    assert "--detector toy_detector:SPEC" in config.command()
+
+
+def test_an_installed_detector_is_known_by_its_name(monkeypatch: pytest.MonkeyPatch):
+    point = EntryPoint("downwards", "toy_detector:SPEC", GROUP)
+    monkeypatch.setattr(detector_registry, "entry_points", lambda group: [point] if group == GROUP else [])
+    assert detector_spec("downwards").observes == "photos"
+    with pytest.raises(InputError, match="antipodal, downwards"):
+        detector_spec("upwards")
 
 
 def test_photos_are_taken_for_the_network_and_backgrounds_once_for_all(

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
+from pathlib import Path
 
 import pytest
 import torch
+from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
+from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.checkpoint import load_checkpoint, save_checkpoint
+from neugrasp.model.network import NeuGrasp
+from neugrasp.training.recipes import tiny
 
 
 def test_weights_and_configuration_come_back(model, views, tmp_path):
@@ -128,3 +133,33 @@ def test_a_detector_takes_the_threshold_that_was_noted_with_its_weights(model, t
     assert NeuGraspDetector.load(tmp_path / "judged").selection.threshold == 0.7
     assert NeuGraspDetector.load(tmp_path / "judged", threshold=0.5).selection.threshold == 0.5
     assert NeuGraspDetector.load(tmp_path / "plain").selection.threshold == 0.9
+
+
+def test_weights_carry_the_cube_that_they_were_trained_for(tmp_path: Path):
+    workspace = Workspace(size=0.45, resolution=48, table_height=0.06, truncation=0.04)
+    save_checkpoint(tmp_path / "w.safetensors", NeuGrasp(tiny().model, workspace), {})
+    assert load_checkpoint(tmp_path / "w.safetensors").model().workspace.cube == workspace.cube
+
+
+def test_weights_of_before_are_for_the_usual_cube():
+    assert load_checkpoint("neugrasp").workspace.cube == Workspace().cube
+
+
+@pytest.mark.parametrize(
+    ("cube", "message"),
+    [
+        ({"resolution": 41}, "resolution is 41; it must be a multiple of 8"),
+        ({"size": -1}, "size is -1"),
+        ({"size": "0.3"}, "size is"),
+        ({"edge": 1}, "edge is unknown"),
+    ],
+)
+def test_a_cube_that_cannot_be_is_refused(tmp_path: Path, cube: dict[str, object], message: str):
+    path = tmp_path / "w.safetensors"
+    save_checkpoint(path, NeuGrasp(tiny().model), {})
+    with safe_open(path, "pt") as file:
+        metadata, tensors = file.metadata(), {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    metadata["workspace"] = json.dumps(json.loads(metadata["workspace"]) | cube)
+    save_file(tensors, path, metadata)
+    with pytest.raises(InputError, match=message):
+        load_checkpoint(path)

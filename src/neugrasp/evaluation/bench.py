@@ -12,8 +12,8 @@ from neugrasp.baselines.depth_noise import NoisyDepth
 from neugrasp.errors import InputError, WriteError
 from neugrasp.evaluation.cells import background_folder
 from neugrasp.evaluation.commands import Evaluate
-from neugrasp.evaluation.contestants import DEPTH, PHOTOS, SEES, load_contestant
 from neugrasp.evaluation.declutter import Game, declutter
+from neugrasp.evaluation.detector_registry import detector_spec
 from neugrasp.evaluation.episode import CRASHED, Episode
 from neugrasp.evaluation.protocols import protocol_of, strategy_of
 from neugrasp.evaluation.rounds import Round, Rounds
@@ -36,8 +36,8 @@ log = logging.getLogger(__name__)
 
 def needs_photographer(config: Evaluate) -> bool:
     """Whether anything has to be rendered for the detector."""
-    sees = SEES[config.detector]
-    return sees == PHOTOS or (sees == DEPTH and config.depth == "stereo")
+    observes = detector_spec(config.detector).observes
+    return observes == "photos" or (observes == "depth" and config.depth == "stereo")
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,8 @@ class Bench:
         friction = self.rules.object_friction
         library = self._library if friction is None else _SameFriction(self._library, friction)
         self.world = World(Workspace(), library, Gripper.load(config.gripper))
-        self._contestant = load_contestant(config)
+        self._spec = detector_spec(config.detector)
+        self._detector = self._spec.load(config)
         strategy = self.rules.strategy if config.strategy == "protocol" else config.strategy
         up: Array = self.world.workspace.world_from_workspace[:3, 2]
         self._game = Game(self.rules, strategy_of(strategy), self._rounds.choice_rng, up)
@@ -99,21 +100,20 @@ class Bench:
         prepared = time.perf_counter()
         witness = SimulatedWitness(robot, truth)
         seen_by = Robot(camera, robot, robot, robot)
-        episode = declutter(self._game, index, seen_by, self._contestant.detector, witness)
+        episode = declutter(self._game, index, seen_by, self._detector, witness)
         seconds = {"arrange": arranged - start, "prepare": prepared - arranged, **episode.timing_s}
         return replace(episode, scene_sha256=fixed.scene_sha256, timing_s=seconds)
 
     def _camera(self, fixed: Round, robot: SimulatedRobot, truth: TruthCamera) -> Camera[Any]:
         """The eyes of the detector; only measuring sticks get the truth."""
-        sees = self._contestant.sees
-        if sees == PHOTOS:
+        if self._spec.observes == "photos":
             assert self._photographer is not None
             folder = background_folder(fixed.cell, RenderSettings(samples=self.config.samples))
             empty = backgrounds(fixed.cell, folder, self._photographer, self._library)
             return PhotoCamera(
                 robot, fixed.cell, empty, self._photographer, self._library, self.world.workspace
             )
-        if sees == DEPTH:
+        if self._spec.observes == "depth":
             if self.config.depth == "stereo":
                 assert self._photographer is not None
                 return StereoCamera(

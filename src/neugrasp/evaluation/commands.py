@@ -15,8 +15,9 @@ class Evaluate:
 
     out: Path
     """Where metrics.json, attempts.jsonl and rounds/ are written."""
-    detector: Literal["neugrasp", "vgn", "oracle", "antipodal"] = "neugrasp"
-    """oracle and antipodal are told the true surface: measuring sticks, no detectors."""
+    detector: str = "neugrasp"
+    """neugrasp, vgn, or one of your own as package.module:NAME; oracle and antipodal are told the true
+    surface: measuring sticks, no detectors."""
     scene: Literal["packed", "pile", "single"] = "packed"
     """How the objects lie."""
     materials: Literal["transparent-specular", "diffuse", "mixed", "specular", "transparent"] = (

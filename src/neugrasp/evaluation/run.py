@@ -16,7 +16,7 @@ from typing import Any
 from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Evaluate
-from neugrasp.evaluation.contestants import weights_facts
+from neugrasp.evaluation.detector_registry import detector_spec
 from neugrasp.evaluation.episode import CRASHED, Episode, attempt_line, read_episode, write_episode
 from neugrasp.evaluation.metrics_file import FORMAT, VERSION
 from neugrasp.evaluation.protocols import protocol_of, strategy_of
@@ -59,7 +59,7 @@ def _file(out: Path, index: int) -> Path:
 
 
 def _photographer_for(config: Evaluate) -> MakePhotographer:
-    if config.depth == "stereo" and config.detector == "vgn":
+    if config.depth == "stereo" and detector_spec(config.detector).observes == "depth":
         from neugrasp.simulation.infrared import infrared_renderer
 
         return infrared_renderer
@@ -79,10 +79,11 @@ def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
         raise InputError(f"--workers {config.workers}; it must be at least 1")
     if config.threshold is not None and not 0 <= config.threshold <= 1:
         raise InputError(f"--threshold {config.threshold}; it must lie between 0 and 1")
-    if config.depth != "exact" and config.detector != "vgn":
-        raise InputError(f"--depth {config.depth}: only vgn sees depth, not {config.detector}")
-    if config.samples != Evaluate.samples and config.detector != "neugrasp":
-        raise InputError(f"--samples {config.samples}: only neugrasp sees photos, not {config.detector}")
+    spec = detector_spec(config.detector)
+    if config.depth != "exact" and spec.observes != "depth":
+        raise InputError(f"--depth {config.depth}: {config.detector} sees no depth")
+    if config.samples != Evaluate.samples and spec.observes != "photos":
+        raise InputError(f"--samples {config.samples}: {config.detector} sees no photos")
     RenderSettings(samples=config.samples)  # refuses what is no power of two
     library = ObjectLibrary.open(config.object_sets, config.objects)
     choices = library.choices(config.split, config.scene)
@@ -93,8 +94,8 @@ def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
         "strategy": strategy,
         "protocol": config.protocol,
         "views": config.views,
-        "depth": config.depth if config.detector == "vgn" else None,
-        **({"samples": config.samples} if config.detector == "neugrasp" else {}),
+        "depth": config.depth if spec.observes == "depth" else None,
+        **({"samples": config.samples} if spec.observes == "photos" else {}),
         "gripper": Gripper.load(config.gripper).name,
         "gripper_sha256": gripper_hash(config.gripper),
         "seed": config.seed,
@@ -102,7 +103,7 @@ def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
         "object_sets": list(config.object_sets),
         "objects_sha256": hashlib.sha256(json.dumps(choices).encode()).hexdigest(),
         "objects_content_sha256": library.content_hash(choices),
-        **weights_facts(config),
+        **spec.facts(config),
     }
     return facts, num_rounds(config.scene, choices, config.rounds)
 

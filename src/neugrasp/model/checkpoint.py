@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from torch import Tensor
 from neugrasp.data.fields import Fields
 from neugrasp.data.strict_json import parse_json
 from neugrasp.errors import InputError, WriteError
+from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.config import ModelConfig
 from neugrasp.model.network import NeuGrasp
 from neugrasp.output import whole_file
@@ -24,6 +25,8 @@ FORMAT = "neugrasp-weights"
 VERSION = 1
 LARGEST, DEEPEST = 4096, 64
 """Of any size in a configuration, and of blocks one behind the other."""
+CUBE = ("size", "resolution", "table_height", "truncation")
+"""What of a workspace matters to a network: `Workspace.cube`."""
 FLOATS = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
 
 
@@ -35,10 +38,12 @@ class Checkpoint:
     tensors: dict[str, Tensor]
     about: dict[str, Any]
     """Recipe, steps, commit, data: whatever the trainer noted."""
+    workspace: Workspace = field(default_factory=Workspace)
+    """The cube that the network was trained for."""
 
     def model(self) -> NeuGrasp:
         """The network with these weights, float32, ready to predict."""
-        network = NeuGrasp(self.config)
+        network = NeuGrasp(self.config, self.workspace)
         network.load_state_dict({name: tensor.float() for name, tensor in self.tensors.items()})
         return network.eval()
 
@@ -53,6 +58,7 @@ def save_checkpoint(path: Path, model: NeuGrasp, about: dict[str, Any], half: bo
         "format": FORMAT,
         "version": str(VERSION),
         "config": json.dumps(asdict(model.config)),
+        "workspace": json.dumps(dict(zip(CUBE, model.workspace.cube, strict=True))),
         "about": json.dumps(about),
     }
     with whole_file(path) as part:
@@ -104,9 +110,10 @@ def load_checkpoint(name_or_path: str | Path) -> Checkpoint:
         raise InputError(f"{path}: not NeuGrasp weights (format {found}, not {FORMAT!r})")
     _check_version(path, metadata.get("version", ""))
     config = _config_from(_described(path, metadata, "config"))
+    workspace = _workspace_from(path, metadata)
     _check_tensors(path, config, tensors)
     about = _described(path, metadata, "about") if "about" in metadata else Fields(str(path), {}, "about.")
-    return Checkpoint(config, tensors, _checked_about(about))
+    return Checkpoint(config, tensors, _checked_about(about), workspace)
 
 
 def _check_version(path: Path, version: str) -> None:
@@ -127,7 +134,7 @@ def _described(path: Path, metadata: dict[str, str], entry: str) -> Fields:
 
 
 def _config_from(described: Fields) -> ModelConfig:
-    known = {field.name: field.default for field in fields(ModelConfig)}
+    known = {one.name: one.default for one in fields(ModelConfig)}
     if unknown := set(described.data) - known.keys():
         names = sorted(unknown)[:3]
         raise InputError(
@@ -138,6 +145,21 @@ def _config_from(described: Fields) -> ModelConfig:
     if config.image_size % 16:
         raise described.refuse("image_size", f"is {config.image_size}; it must be a multiple of 16")
     return config
+
+
+def _workspace_from(path: Path, metadata: dict[str, str]) -> Workspace:
+    """The cube that is written down; weights of before it was are for the usual one."""
+    if "workspace" not in metadata:
+        return Workspace()
+    described = _described(path, metadata, "workspace")
+    described.only(CUBE)
+    resolution = described.whole("resolution", 8, 256)
+    if resolution % 8:
+        raise described.refuse("resolution", f"is {resolution}; it must be a multiple of 8")
+    size, table_height, truncation = (
+        described.number(name, 1e-3, 10, "metres") for name in CUBE if name != "resolution"
+    )
+    return Workspace(size, resolution, table_height, truncation)
 
 
 def _entry(described: Fields, name: str, default: Any) -> Any:
