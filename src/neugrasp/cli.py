@@ -13,6 +13,7 @@ try:
 
     import tyro
 
+    import neugrasp
     from neugrasp.bench.command import SpeedTest
     from neugrasp.data.command import Pack
     from neugrasp.doctor.command import Doctor
@@ -23,7 +24,7 @@ try:
     from neugrasp.figures.command import Figure
     from neugrasp.importers.command import Import, PrintBoard
     from neugrasp.report.command import DataSheet
-    from neugrasp.terminal import printable, speak_plainly
+    from neugrasp.terminal import check_command, printable, speak_plainly
     from neugrasp.viewer.command import Viewer
 except KeyboardInterrupt:
     # These take the first second of the program: whoever ends it then has made no mistake.
@@ -219,38 +220,48 @@ class Command(Protocol):
 
 _positional = tyro.conf.configure(tyro.conf.PositionalRequiredArgs)
 COMMANDS: dict[str, Callable[..., Command]] = {
+    # What users need first, in the order in which they need it.
     "demo": Demo,
-    "import": _positional(Import),
-    "board": PrintBoard,
     "doctor": _positional(Doctor),
     "predict": Predict,
-    "export": _positional(Export),
+    "view": _positional(Viewer),
+    "import": _positional(Import),
     "generate": Generate,
+    "train": Train,
+    "evaluate": Evaluate,
+    # The rest.
+    "board": PrintBoard,
+    "export": _positional(Export),
     "pack": Pack,
     "datasheet": DataSheet,
-    "train": Train,
     "validate": Validate,
-    "evaluate": Evaluate,
     "compare": _positional(Compare),
     "failures": _positional(Failures),
     "story": _positional(Story),
     "results": Results,
-    "view": _positional(Viewer),
     "figure": _positional(Figure),
     "bench": SpeedTest,
 }
+
+
+DESCRIPTION = """Surfaces and 6-DoF grasps from a few RGB photos of a table.
+
+Start with demo, doctor, predict and view; import makes scenes of other captures. generate, train and
+evaluate are for data, weights and figures of your own."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command: 0, or 1 on the doctor's red, 2 on a mistake of the user, 130 when interrupted, 70 on
     a mistake of ours."""
     speak_plainly()
+    words = list(sys.argv[1:] if arguments is None else arguments)
     try:
+        if words[:1] == ["--version"]:
+            print(f"neugrasp {neugrasp.__version__}")
+            return 0
+        check_command(words, COMMANDS)
         command = tyro.extras.subcommand_cli_from_dict(
-            COMMANDS,
-            prog="neugrasp",
-            description="Surfaces and 6-DoF grasps from a few RGB photos of a table.",
-            args=arguments,
+            COMMANDS, prog="neugrasp", description=DESCRIPTION, args=words or ["--help"]
         )
         report = command.run()
         if report is not None:
