@@ -7,7 +7,7 @@ import sys
 try:
     import traceback
     from collections.abc import Callable, Sequence
-    from dataclasses import dataclass
+    from dataclasses import dataclass, field
     from pathlib import Path
     from typing import TYPE_CHECKING, Annotated, Literal, Protocol
 
@@ -16,6 +16,7 @@ try:
     import neugrasp
     from neugrasp.bench.command import SpeedTest
     from neugrasp.data.command import Pack
+    from neugrasp.detection.steering import Steering
     from neugrasp.doctor.command import Doctor
     from neugrasp.doctor.findings import Verdict
     from neugrasp.errors import InputError, NeuGraspError
@@ -84,6 +85,7 @@ class Predict:
     """Write report.html, too: the scene to turn, why candidates fell out, the doctor's verdict."""
     hand_check: bool = True
     """Send grasps as deep as the surface lets the hand, and drop those that it speaks against."""
+    steering: Annotated[Steering, tyro.conf.arg(name="")] = field(default_factory=Steering)
     examine: bool = False
     """Let the doctor look at everything first, as `neugrasp doctor` does."""
     force: bool = False
@@ -100,6 +102,7 @@ class Predict:
             threshold=self.threshold,
             with_report=self.report,
             hand_check=self.hand_check,
+            steering=self.steering,
             is_examined=self.examine,
             is_forced=self.force,
         )
@@ -220,7 +223,7 @@ class Command(Protocol):
 
 _positional = tyro.conf.configure(tyro.conf.PositionalRequiredArgs)
 COMMANDS: dict[str, Callable[..., Command]] = {
-    # What users need first, in the order in which they need it.
+    # First what users need first.
     "demo": Demo,
     "doctor": _positional(Doctor),
     "predict": Predict,
@@ -229,7 +232,6 @@ COMMANDS: dict[str, Callable[..., Command]] = {
     "generate": Generate,
     "train": Train,
     "evaluate": Evaluate,
-    # The rest.
     "board": PrintBoard,
     "export": _positional(Export),
     "pack": Pack,
