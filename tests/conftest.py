@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from neugrasp.data.records import Record
 from neugrasp.data.scene_folder import write_scene
@@ -16,6 +17,9 @@ from neugrasp.geometry.view_sets import view_set
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.views import View, Views
 
+# The same examples in every run; `--hypothesis-profile=default --hypothesis-seed=N` draws others.
+settings.register_profile("repeatable", derandomize=True)
+settings.load_profile("repeatable")
 # Lets all tests share `ball_record`.
 sys.path.insert(0, str(Path(__file__).parent))
 

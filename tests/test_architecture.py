@@ -30,6 +30,7 @@ LAYERS = [
     {"demo"},
     {"bench", "figures"},
     {"cli"},
+    {"__main__"},
 ]
 """Every part may import from the layers above its own, and from itself."""
 NEIGHBOURS = {

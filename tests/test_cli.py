@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image as Picture
 
+import neugrasp
 from ball_record import ball_record
 from neugrasp import cli
 from neugrasp.data.scene_folder import write_scene
@@ -247,3 +248,35 @@ def test_help_comes_without_loading_the_network():
         "assert not {'torch', 'scipy', 'pybullet', 'bpy'} & set(sys.modules), sorted(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.DEVNULL)
+
+
+def test_a_bare_call_shows_the_help_with_the_first_commands_first(capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit) as ended:
+        cli.main([])
+    assert ended.value.code == 0
+    out = capsys.readouterr().out
+    places = [out.index(f"• {name} ") for name in ("demo", "doctor", "predict", "view", "evaluate", "bench")]
+    assert places == sorted(places)
+
+
+def test_the_version(capsys: pytest.CaptureFixture[str]):
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"neugrasp {neugrasp.__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("word", "hint"),
+    [
+        ("predictt", "did you mean predict?"),
+        ("trian", "did you mean train?"),
+        ("xyz", "choose one of demo, doc"),
+    ],
+)
+def test_a_command_that_is_none(word: str, hint: str, capsys: pytest.CaptureFixture[str]):
+    assert cli.main([word, "--out", "x"]) == 2
+    assert f"there is no command '{word}'; {hint}" in capsys.readouterr().err
+
+
+def test_the_package_runs_as_a_module():
+    run = subprocess.run([sys.executable, "-m", "neugrasp", "--version"], capture_output=True, text=True)
+    assert run.stdout == f"neugrasp {neugrasp.__version__}\n"

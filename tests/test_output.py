@@ -405,7 +405,8 @@ def test_too_little_memory_is_said_in_one_line(
 def test_an_interruption_in_the_first_second_leaves_no_traceback(seconds: float):
     """Counted from where the interpreter is there and the program begins."""
     code = (
-        "print(flush=True)\nimport sys\nfrom neugrasp.cli import main\nsys.exit(main(['doctor', '/nowhere']))"
+        "print(flush=True)\nimport sys\nfrom neugrasp.cli import main\n"
+        "sys.exit(main(['compare', '/nowhere', '/no']))"
     )
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with subprocess.Popen([sys.executable, "-c", code], **pipes) as process:

@@ -7,14 +7,16 @@ import sys
 try:
     import traceback
     from collections.abc import Callable, Sequence
-    from dataclasses import dataclass
+    from dataclasses import dataclass, field
     from pathlib import Path
     from typing import TYPE_CHECKING, Annotated, Literal, Protocol
 
     import tyro
 
+    import neugrasp
     from neugrasp.bench.command import SpeedTest
     from neugrasp.data.command import Pack
+    from neugrasp.detection.steering import Steering
     from neugrasp.doctor.command import Doctor
     from neugrasp.doctor.findings import Verdict
     from neugrasp.errors import InputError, NeuGraspError
@@ -23,7 +25,7 @@ try:
     from neugrasp.figures.command import Figure
     from neugrasp.importers.command import Import, PrintBoard
     from neugrasp.report.command import DataSheet
-    from neugrasp.terminal import printable, speak_plainly
+    from neugrasp.terminal import check_command, printable, speak_plainly
     from neugrasp.viewer.command import Viewer
 except KeyboardInterrupt:
     # These take the first second of the program: whoever ends it then has made no mistake.
@@ -83,6 +85,7 @@ class Predict:
     """Write report.html, too: the scene to turn, why candidates fell out, the doctor's verdict."""
     hand_check: bool = True
     """Send grasps as deep as the surface lets the hand, and drop those that it speaks against."""
+    steering: Annotated[Steering, tyro.conf.arg(name="")] = field(default_factory=Steering)
     examine: bool = False
     """Let the doctor look at everything first, as `neugrasp doctor` does."""
     force: bool = False
@@ -99,6 +102,7 @@ class Predict:
             threshold=self.threshold,
             with_report=self.report,
             hand_check=self.hand_check,
+            steering=self.steering,
             is_examined=self.examine,
             is_forced=self.force,
         )
@@ -219,38 +223,47 @@ class Command(Protocol):
 
 _positional = tyro.conf.configure(tyro.conf.PositionalRequiredArgs)
 COMMANDS: dict[str, Callable[..., Command]] = {
+    # First what users need first.
     "demo": Demo,
-    "import": _positional(Import),
-    "board": PrintBoard,
     "doctor": _positional(Doctor),
     "predict": Predict,
-    "export": _positional(Export),
+    "view": _positional(Viewer),
+    "import": _positional(Import),
     "generate": Generate,
+    "train": Train,
+    "evaluate": Evaluate,
+    "board": PrintBoard,
+    "export": _positional(Export),
     "pack": Pack,
     "datasheet": DataSheet,
-    "train": Train,
     "validate": Validate,
-    "evaluate": Evaluate,
     "compare": _positional(Compare),
     "failures": _positional(Failures),
     "story": _positional(Story),
     "results": Results,
-    "view": _positional(Viewer),
     "figure": _positional(Figure),
     "bench": SpeedTest,
 }
+
+
+DESCRIPTION = """Surfaces and 6-DoF grasps from a few RGB photos of a table.
+
+Start with demo, doctor, predict and view; import makes scenes of other captures. generate, train and
+evaluate are for data, weights and figures of your own."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command: 0, or 1 on the doctor's red, 2 on a mistake of the user, 130 when interrupted, 70 on
     a mistake of ours."""
     speak_plainly()
+    words = list(sys.argv[1:] if arguments is None else arguments)
     try:
+        if words[:1] == ["--version"]:
+            print(f"neugrasp {neugrasp.__version__}")
+            return 0
+        check_command(words, COMMANDS)
         command = tyro.extras.subcommand_cli_from_dict(
-            COMMANDS,
-            prog="neugrasp",
-            description="Surfaces and 6-DoF grasps from a few RGB photos of a table.",
-            args=arguments,
+            COMMANDS, prog="neugrasp", description=DESCRIPTION, args=words or ["--help"]
         )
         report = command.run()
         if report is not None:

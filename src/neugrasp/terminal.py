@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import difflib
 import io
 import logging
 import sys
 import unicodedata
+from collections.abc import Collection, Sequence
 from typing import TextIO
+
+from neugrasp.errors import InputError
 
 
 def speak_plainly() -> None:
@@ -15,6 +19,15 @@ def speak_plainly() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     logging.basicConfig(level=logging.INFO, handlers=[terminal_log(sys.stderr)])
+
+
+def check_command(words: Sequence[str], commands: Collection[str]) -> None:
+    """Raises `InputError` with the nearest command where the first word is neither one nor an option."""
+    if not words or words[0].startswith("-") or words[0] in commands:
+        return
+    near = difflib.get_close_matches(words[0], commands, n=1)
+    hint = f"did you mean {near[0]}?" if near else f"choose one of {', '.join(commands)}"
+    raise InputError(f"there is no command {words[0]!r}; {hint}")
 
 
 def printable(text: object, stream: TextIO | None = None) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import struct
 import tokenize
+import warnings
 import zipfile
 import zlib
 from collections.abc import Mapping, Sequence
@@ -60,7 +61,9 @@ def npz_arrays(
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             if sum(member.file_size for member in archive.infolist()) > LARGEST:
                 raise InputError(f"{source}: unpacks to more than {LARGEST / 1e9:.0f} GB")
-        with np.load(io.BytesIO(data), allow_pickle=False) as loaded:
+        with warnings.catch_warnings(), np.load(io.BytesIO(data), allow_pickle=False) as loaded:
+            # Numpy's words on a header of Python 2, which a damaged one may look like.
+            warnings.simplefilter("ignore", UserWarning)
             found = [name for name in kinds if name not in optional or name in loaded]
             arrays = {name: loaded[name] for name in found}
     except KeyError as error:

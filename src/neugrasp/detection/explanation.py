@@ -12,6 +12,10 @@ WORDS = {
     "nothing_between_the_fingers": "with nothing between the fingers",
     "held_by_the_rim": "where the fingers would hold a rim only, and others hold more",
     "not_the_best_nearby": "beside a better one",
+    "outside_the_region": "outside of the region",
+    "from_another_side": "from another side than the approach asked for",
+    "too_low": "lower than the least height",
+    "beyond_the_best": "beyond the best that were asked for",
 }
 
 

@@ -7,6 +7,7 @@ before it.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -63,7 +64,10 @@ def write(file: Path, grasps: Sequence[Grasp], gripper: Gripper) -> None:
 def read(file: Path, gripper: Gripper) -> list[Grasp]:
     """The grasps of an .npy file. Raises `InputError` where it holds anything else."""
     try:
-        rows = np.load(file, allow_pickle=False)
+        with warnings.catch_warnings():
+            # Numpy's words on a header of Python 2, which a damaged one may look like.
+            warnings.simplefilter("ignore", UserWarning)
+            rows = np.load(file, allow_pickle=False)
     except DAMAGE as error:
         raise InputError(f"{file}: no .npy file of numbers ({reason_of(error)})") from error
     if not isinstance(rows, np.ndarray) or rows.ndim != 2 or rows.shape[1] != COLUMNS:

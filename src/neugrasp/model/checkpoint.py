@@ -142,6 +142,9 @@ def _config_from(described: Fields) -> ModelConfig:
         )
     entries = {name: _entry(described, name, known[name]) for name in described.data}
     config = ModelConfig(**entries)
+    for name in ("feature_dim", "volume_dim"):
+        if getattr(config, name) < 2:
+            raise described.refuse(name, f"is {getattr(config, name)}; layers of half as many must have one")
     if config.image_size % 16:
         raise described.refuse("image_size", f"is {config.image_size}; it must be a multiple of 16")
     return config

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from neugrasp.data.scene_folder import read_scene
 from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.detection.explanation import explain
+from neugrasp.detection.steering import Steering
 from neugrasp.doctor.examination import Diagnosis, examine_read
 from neugrasp.doctor.findings import Level
 from neugrasp.errors import InputError
@@ -38,6 +39,8 @@ class PredictRun:
     hand_check: bool = True
     """Whether grasps go as deep as the surface lets the hand, and are dropped where it would meet it or close
     on nothing."""
+    steering: Steering = field(default_factory=Steering)
+    """Which grasps are wanted."""
     is_examined: bool = False
     """Whether the doctor looks at everything; otherwise at what costs little and decides."""
     is_forced: bool = False
@@ -56,7 +59,7 @@ def predict(run: PredictRun) -> str:
         detector = NeuGraspDetector.load(
             run.weights, run.gripper, threshold=run.threshold, hand_check=run.hand_check
         )
-        detection = detector.detect(views)
+        detection = run.steering.applied(detector.detect(views), views.workspace)
         write_prediction(part, views, detection, detector.gripper)
         if run.with_report:
             document = prediction_report(run.scene.name, views, detection, detector.gripper, diagnosis)

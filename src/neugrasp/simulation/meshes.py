@@ -141,6 +141,8 @@ def read_stl(path: Path) -> tuple[Mesh, ...]:
             corners = np.array(rows).reshape(-1, 3)
         else:
             raise ValueError(f"{len(data)} bytes do not hold the {_facets(data)} facets that it names")
+        if not np.all(np.isfinite(corners)):
+            raise ValueError("a vertex is not a finite number")
         points, index = np.unique(corners.astype(np.float64), axis=0, return_inverse=True)
         faces = index.reshape(-1, 3).astype(np.int64)
     except ValueError as error:
