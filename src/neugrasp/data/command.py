@@ -18,7 +18,7 @@ class Pack:
     """Where the shards and their index are written, all or none; `train --data` reads this folder."""
     quality: int | None = None
     """Quality of the photos, 1 to 100, as lossy WebP, with coarser grids and without depth and masks: 95
-    takes an eighth of the bytes. By default everything is kept exactly."""
+    takes a quarter of the bytes. By default everything is kept exactly."""
     targets: bool = True
     """Pack the views that losses compare with, too; geometry supervision needs none."""
 
