@@ -63,6 +63,15 @@ def test_the_tcp_lies_ahead_of_the_voxel_along_the_approach():
     assert best.width == pytest.approx(5 * workspace.voxel_size)
 
 
+def test_the_border_of_the_cube_costs_no_score():
+    """The smoothing repeats the border; with zeros beyond it, half of a score there would be lost."""
+    flat = prediction({})
+    flat.quality[...] = 0.95
+    selection = select_grasps(flat, Workspace(), GRIPPER)
+    assert selection.best_rejected == pytest.approx(0.95, abs=1e-5)
+    assert min(grasp.score for grasp in selection.grasps) == pytest.approx(0.95, abs=1e-5)
+
+
 def test_grasps_come_best_first_and_every_voxel_is_accounted_for():
     selection = select_grasps(prediction({(10, 10, 20): 0.93, (30, 30, 20): 0.98}), Workspace(), GRIPPER)
     scores = [grasp.score for grasp in selection.grasps]
