@@ -268,7 +268,7 @@ def test_the_version(capsys: pytest.CaptureFixture[str]):
     ("word", "hint"),
     [
         ("predictt", "did you mean predict?"),
-        ("trian", "did you mean train?"),
+        ("trainn", "did you mean train?"),
         ("xyz", "choose one of demo, doc"),
     ],
 )

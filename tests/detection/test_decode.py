@@ -68,7 +68,7 @@ def test_the_border_of_the_cube_costs_no_score():
     flat = prediction({})
     flat.quality[...] = 0.95
     selection = select_grasps(flat, Workspace(), GRIPPER)
-    assert selection.best_rejected == pytest.approx(0.95, abs=1e-5)
+    assert selection.rejected["quality_below_threshold"] == 0
     assert min(grasp.score for grasp in selection.grasps) == pytest.approx(0.95, abs=1e-5)
 
 
