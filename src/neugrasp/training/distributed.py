@@ -33,11 +33,6 @@ class Ranks:
         # The head's stage leaves the rest of the network without gradients.
         return DistributedDataParallel(module, find_unused_parameters=True)
 
-    def wait(self) -> None:
-        """Until all processes have come here."""
-        if self.count > 1:
-            torch.distributed.barrier()
-
 
 @contextmanager
 def joined_ranks(device: str) -> Iterator[Ranks]:
