@@ -415,7 +415,8 @@ def test_an_interruption_in_the_first_second_leaves_no_traceback(seconds: float)
         process.send_signal(signal.SIGINT)
         _, said = process.communicate()
     assert b"Traceback" not in said
-    assert process.returncode in (130, 2)
+    # Minus the signal's number: the program had ended, and Python itself was about to.
+    assert process.returncode in (130, 2, -signal.SIGINT)
 
 
 @pytest.mark.slow

@@ -43,6 +43,10 @@ same test checks it.
 | where the fingers would hold a rim only, and others hold more | nothing: what is left holds better |
 | with nothing between the fingers | the best places lie beside the surface: see the report's surface |
 | beside a better one | nothing: of close neighbours only the best is kept |
+| outside of the region | `--region` is a box in the world, in metres |
+| from another side than the approach asked for | a wider angle in `--approach`; 0 0 -1 is from above |
+| lower than the least height | a smaller `--min-height`: from the table to between the fingertips |
+| beyond the best that were asked for | nothing: `--top` keeps so many |
 
 ## What the doctor can say
 
