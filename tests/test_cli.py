@@ -18,12 +18,13 @@ import neugrasp
 from ball_record import ball_record
 from neugrasp import cli
 from neugrasp.data.scene_folder import write_scene
-from neugrasp.detection.detector import Detection, NeuGraspDetector
+from neugrasp.detection.contract import Detection
+from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import rigid
-from neugrasp.grasp import Grasp
+from neugrasp.grasp import Grasp, Grasps
 from neugrasp.gripper import Gripper
-from neugrasp.views import Views
+from neugrasp.observation import Views
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 
@@ -38,10 +39,13 @@ class FlatTable:
     def detect(self, views: Views) -> Detection:
         height = views.workspace.voxel_centres()[..., 2] - views.workspace.table_height
         tsdf = (height / views.workspace.truncation).clip(-1, 1).astype(np.float32)
-        grasps = tuple(
+        grasps = Grasps.of(
             Grasp(rigid(DOWN, (0.15, 0.15, 0.06)), 0.04, 0.95 - 0.01 * i) for i in range(self.count)
         )
-        return Detection(grasps, tsdf, {"too_narrow": 7}, 0.5, {"images": 0.1, "selection": 0.02})
+        seconds = {"images": 0.1, "selection": 0.02}
+        return Detection(
+            grasps, views.workspace, self.gripper, tsdf, {"too_narrow": 7}, 0.5, None, seconds, views.source
+        )
 
 
 @pytest.fixture
@@ -206,7 +210,7 @@ def test_the_demo_prints_a_table_and_fills_a_folder_per_scene(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ):
-    from neugrasp import demo
+    from neugrasp.demo import bundled as demo
 
     monkeypatch.setattr(demo, "demo_scenes", lambda: [demo.DemoScene("glasses", scene_folder)])
     assert cli.main(["demo", "--out", str(tmp_path / "out")]) == 0
@@ -226,7 +230,7 @@ def test_the_demo_prints_a_table_and_fills_a_folder_per_scene(
 
 
 def test_a_demo_without_scenes_is_an_incomplete_installation(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    from neugrasp import demo
+    from neugrasp.demo import bundled as demo
 
     monkeypatch.setattr(demo.resources, "files", lambda _: tmp_path)
     with pytest.raises(InputError, match="no bundled scenes; this installation is incomplete"):
@@ -238,7 +242,7 @@ def test_every_command_has_help(command: str, capsys: pytest.CaptureFixture[str]
     with pytest.raises(SystemExit) as ended:
         cli.main([command, "--help"])
     assert ended.value.code == 0
-    assert "--out DIR" in capsys.readouterr().out
+    assert "--out PATH" in capsys.readouterr().out
 
 
 def test_help_comes_without_loading_the_network():
@@ -251,11 +255,12 @@ def test_help_comes_without_loading_the_network():
 
 
 def test_a_bare_call_shows_the_help_with_the_first_commands_first(capsys: pytest.CaptureFixture[str]):
-    with pytest.raises(SystemExit) as ended:
-        cli.main([])
-    assert ended.value.code == 0
+    assert cli.main([]) == 0
     out = capsys.readouterr().out
-    places = [out.index(f"• {name} ") for name in ("demo", "doctor", "predict", "view", "evaluate", "bench")]
+    assert cli.main(["--help"]) == 0
+    assert capsys.readouterr().out == out
+    assert all(f"\n  {name:<11}" in out for name in cli.COMMANDS)
+    places = [out.index(f"  {name} ") for name in ("demo", "doctor", "predict", "view", "evaluate", "bench")]
     assert places == sorted(places)
 
 

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from neugrasp.data.whole_or_nothing import whole_or_nothing
+from neugrasp.detection.files import read_grasps, write_grasps, write_surface, write_tsdf
 from neugrasp.errors import InputError, NeuGraspError
-from neugrasp.export import read_grasps, write_grasps, write_surface, write_tsdf
 from neugrasp.geometry.pose import from_quaternion
 from neugrasp.geometry.surface import surface_of
 from neugrasp.geometry.workspace import Workspace
@@ -25,7 +25,7 @@ GRASP = Grasp(from_quaternion([1, 0, 0, 0], (0.1, 0.2, 0.3)), width=0.05, score=
 def test_grasps_json_is_the_contract(tmp_path: Path):
     file = tmp_path / "grasps.json"
     worse = Grasp(GRASP.pose, 0.04, 0.91)
-    write_grasps(file, [worse, GRASP], {"too_narrow": 3}, {"images": 0.25})
+    write_grasps(file, [worse, GRASP], {"rejected": {"too_narrow": 3}, "timing_s": {"images": 0.25}})
     assert json.loads(file.read_text()) == {
         "format": "neugrasp-grasps",
         "version": 1,

@@ -12,6 +12,7 @@ from neugrasp.geometry.pose import apply, from_quaternion, rigid
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
+from neugrasp.observation import View, Views
 from neugrasp.pictures import (
     Tile,
     contact_sheet,
@@ -24,7 +25,6 @@ from neugrasp.pictures import (
     surface_sheet,
 )
 from neugrasp.pictures.slices import busiest_slice
-from neugrasp.views import View, Views
 
 GRIPPER = Gripper.load("panda")
 DOWN = np.diag([1.0, -1.0, -1.0])
@@ -33,7 +33,7 @@ CENTRE, RADIUS = (0.12, 0.17, 0.09), 0.035
 
 def grey(camera: Camera, value: int = 128) -> View:
     image = np.full((camera.height, camera.width, 3), value, dtype=np.uint8)
-    return View(image, image, camera)
+    return View(camera, image, image)
 
 
 @pytest.fixture
@@ -91,7 +91,7 @@ def test_the_cut_photo_shows_what_its_camera_says(cameras: list[Camera], workspa
     photo = np.zeros((360, 640, 3), dtype=np.uint8)
     u, v = camera.project(point)[0].round().astype(int)
     photo[v - 2 : v + 3, u - 2 : u + 3] = 255
-    cut = photo_of_workspace(View(photo, photo, camera), workspace, size=400)
+    cut = photo_of_workspace(View(camera, photo, photo), workspace, size=400)
     rows, columns = np.nonzero(cut.image[..., 0] > 128)
     expected = cut.camera.project(camera.unproject((u, v), camera.project(point)[1]))[0]
     np.testing.assert_allclose([columns.mean(), rows.mean()], expected, atol=0.6)

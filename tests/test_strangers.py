@@ -26,10 +26,10 @@ from neugrasp.data.npz import npz_arrays, npz_bytes
 from neugrasp.data.records import read_record, truth_from_bytes, truth_to_bytes, write_record
 from neugrasp.data.shards import Shards, pack
 from neugrasp.data.strict_json import DEEPEST, LARGEST, read_json
+from neugrasp.detection.files import read_grasps, write_grasps
 from neugrasp.errors import InputError
 from neugrasp.evaluation.episode import EMPTY, Attempt, Episode, read_episode, write_episode
 from neugrasp.evaluation.folder import NEEDED, facts_of
-from neugrasp.export import read_grasps, write_grasps
 from neugrasp.exporters import graspnet, ros, vgn
 from neugrasp.geometry.pose import rigid
 from neugrasp.grasp import Grasp
@@ -172,7 +172,7 @@ def check_grasps(grasps: list[Grasp]) -> None:
 
 @many
 def test_a_list_of_grasps(examples: int, file: Path):
-    write_grasps(file, [GRASP, GRASP], {"too_narrow": 3}, {"images": 0.5}, {"scene": "s", "gripper": "panda"})
+    write_grasps(file, [GRASP, GRASP], {"scene": "s", "gripper": "panda", "rejected": {"too_narrow": 3}})
     right = json.loads(file.read_text())
     fuzz(reading(file, lambda f: check_grasps(read_grasps(f))), damaged_json(right), examples)
 

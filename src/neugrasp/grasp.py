@@ -1,11 +1,13 @@
-"""What every detector returns: a parallel-jaw grasp."""
+"""What every detector returns: parallel-jaw grasps."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import overload
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from neugrasp.geometry.pose import Array
 
@@ -41,3 +43,66 @@ class Grasp:
         pose = self.pose.copy()
         pose[:3, 3] += distance * pose[:3, 2]
         return replace(self, pose=pose)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Grasps(Sequence[Grasp]):
+    """k grasps as arrays; they iterate as `Grasp`. Raises `ValueError` where the arrays do not fit together,
+    or a pose is not finite."""
+
+    poses: Array
+    """(k, 4, 4), each as `Grasp.pose`."""
+    widths: Array
+    """(k,), metres."""
+    scores: Array
+    """(k,), 0 to 1."""
+
+    def __post_init__(self) -> None:
+        k = len(self.poses)
+        shapes = self.poses.shape, self.widths.shape, self.scores.shape
+        if shapes != ((k, 4, 4), (k,), (k,)):
+            raise ValueError(f"grasps of shapes {shapes}; they are (k, 4, 4), (k,) and (k,)")
+        if not all(np.all(np.isfinite(array)) for array in (self.poses, self.widths, self.scores)):
+            raise ValueError("a grasp's pose, width or score is NaN or infinite")
+
+    @classmethod
+    def of(cls, grasps: Iterable[Grasp]) -> Grasps:
+        """The same grasps, in their order."""
+        each = list(grasps)
+        poses = np.array([grasp.pose for grasp in each], dtype=np.float64).reshape(-1, 4, 4)
+        widths, scores = (
+            np.array([getattr(grasp, name) for grasp in each], dtype=np.float64)
+            for name in ("width", "score")
+        )
+        return cls(poses, widths, scores)
+
+    @property
+    def positions(self) -> Array:
+        """(k, 3) the TCPs, metres."""
+        return self.poses[:, :3, 3]
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    @overload
+    def __getitem__(self, which: int) -> Grasp: ...
+
+    @overload
+    def __getitem__(self, which: slice | NDArray[np.generic]) -> Grasps: ...
+
+    def __getitem__(self, which: int | slice | NDArray[np.generic]) -> Grasp | Grasps:
+        """One grasp, or those of a slice, a mask or indices."""
+        if isinstance(which, slice | np.ndarray):
+            return Grasps(self.poses[which], self.widths[which], self.scores[which])
+        return Grasp(self.poses[which], float(self.widths[which]), float(self.scores[which]))
+
+    def __eq__(self, other: object) -> bool:
+        """Whether the other holds the same numbers."""
+        names = ("poses", "widths", "scores")
+        return isinstance(other, Grasps) and all(
+            np.array_equal(getattr(self, name), getattr(other, name)) for name in names
+        )
+
+    def __repr__(self) -> str:
+        best = f", the best with score {self.scores.max():.2f}" if len(self) else ""
+        return f"<{len(self)} grasp{'s' * (len(self) != 1)}{best}>"

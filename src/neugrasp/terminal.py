@@ -22,8 +22,8 @@ def speak_plainly() -> None:
 
 
 def check_command(words: Sequence[str], commands: Collection[str]) -> None:
-    """Raises `InputError` with the nearest command where the first word is neither one nor an option."""
-    if not words or words[0].startswith("-") or words[0] in commands:
+    """Raises `InputError` with the nearest command where the first word is none."""
+    if words[0] in commands:
         return
     near = difflib.get_close_matches(words[0], commands, n=1)
     hint = f"did you mean {near[0]}?" if near else f"choose one of {', '.join(commands)}"

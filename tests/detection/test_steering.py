@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from neugrasp.detection.detector import Detection
-from neugrasp.detection.steering import Steering
+from neugrasp.detection.contract import Detection
+from neugrasp.detection.options import Steering
+from neugrasp.detection.steering import steered
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import rigid, rotation_about
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.grasp import Grasp
+from neugrasp.grasp import Grasp, Grasps
+from neugrasp.gripper import Gripper
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 PLACE = rigid(rotation_about((0, 0, 1), 0.4), (1.0, 2.0, 0.7))
@@ -25,7 +27,8 @@ def grasp(x: float, y: float, above_table: float, tilt_deg: float = 0.0, score: 
 
 
 def detection(*grasps: Grasp) -> Detection:
-    return Detection(grasps, np.ones((40, 40, 40), np.float32), {"too_narrow": 2}, 0.5, {}, 0.85)
+    surface, rejected = np.ones((40, 40, 40), np.float32), {"too_narrow": 2}
+    return Detection(Grasps.of(grasps), WORKSPACE, Gripper.load("panda"), surface, rejected, 0.5, 0.85)
 
 
 HIGH, LOW, TILTED = grasp(0.1, 0.1, 0.1), grasp(0.2, 0.2, 0.01), grasp(0.15, 0.1, 0.1, tilt_deg=50)
@@ -40,29 +43,29 @@ HIGH, LOW, TILTED = grasp(0.1, 0.1, 0.1), grasp(0.2, 0.2, 0.01), grasp(0.15, 0.1
     ],
 )
 def test_what_is_not_wanted_is_counted(steering: Steering, kept: tuple[Grasp, ...], reason: str):
-    found = steering.applied(detection(HIGH, LOW, TILTED), WORKSPACE)
-    assert found.grasps == kept
+    found = steered(detection(HIGH, LOW, TILTED), steering)
+    assert found.grasps == Grasps.of(kept)
     assert found.rejected == {"too_narrow": 2, reason: 3 - len(kept)}
 
 
 def test_a_region_is_a_box_of_the_world():
     x, y, z = LOW.position
     box = (x - 0.01, y - 0.01, z - 0.01, x + 0.01, y + 0.01, z + 0.01)
-    found = Steering(region=box).applied(detection(HIGH, LOW, TILTED), WORKSPACE)
-    assert found.grasps == (LOW,)
+    found = steered(detection(HIGH, LOW, TILTED), Steering(region=box))
+    assert found.grasps == Grasps.of([LOW])
     assert found.rejected["outside_the_region"] == 2
 
 
 def test_without_wishes_all_stays_as_it_is():
     given = detection(HIGH, LOW)
-    found = Steering().applied(given, WORKSPACE)
+    found = steered(given, Steering())
     assert (found.grasps, found.rejected) == (given.grasps, given.rejected)
 
 
 @pytest.mark.parametrize("degrees", [1.0, 49.9, 50.1, 90.0])
 def test_the_cone_ends_at_its_angle(degrees: float):
     down = PLACE[:3, :3] @ (0, 0, -1)
-    found = Steering(approach=(*down, degrees)).applied(detection(TILTED), WORKSPACE)
+    found = steered(detection(TILTED), Steering(approach=(*down, degrees)))
     assert bool(found.grasps) == (degrees > 50)
 
 

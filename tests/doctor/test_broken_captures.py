@@ -25,7 +25,7 @@ from neugrasp.doctor.fix import write_fixed
 from neugrasp.doctor.problems import INVERTED_WORKSPACE
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import from_quaternion, inverse
-from neugrasp.views import Views
+from neugrasp.observation import Views
 
 QUICK = {
     "cameras of OpenGL or Blender",
@@ -124,7 +124,7 @@ def assert_same(views: Views, other: Views, tolerance: float = 1e-9) -> None:
     """The same photos by the same cameras; principal points only to half a pixel."""
     mine, theirs = views.workspace.world_from_workspace, other.workspace.world_from_workspace
     np.testing.assert_allclose(mine, theirs, atol=tolerance)
-    for one, two in zip(views.views, other.views, strict=True):
+    for one, two in zip(views.frames, other.frames, strict=True):
         np.testing.assert_array_equal(one.image, two.image)
         np.testing.assert_array_equal(one.background, two.background)
         np.testing.assert_allclose(one.camera.world_from_camera, two.camera.world_from_camera, atol=tolerance)
@@ -203,7 +203,7 @@ def test_a_folder_in_use_is_not_written_into(clinic: Clinic, tmp_path: Path):
 def test_an_inverted_workspace_is_found_and_mended(good: Views):
     """In a world of its own: `good` has the cube at the origin, where the inverse is the same."""
     new_from_old = from_quaternion((0.1, -0.2, 0.6, 0.7), (0.4, -0.3, 0.8))
-    views = tuple(replace(view, camera=view.camera.moved(new_from_old)) for view in good.views)
+    views = tuple(replace(view, camera=view.camera.moved(new_from_old)) for view in good.frames)
     moved = Views(views, replace(good.workspace, world_from_workspace=new_from_old))
     inverted = replace(good.workspace, world_from_workspace=inverse(new_from_old))
     diagnosis = examine(Capture.of(Views(views, inverted)))

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from neugrasp import cli
+from neugrasp.detection.files import write_grasps
 from neugrasp.errors import InputError
-from neugrasp.export import write_grasps
 from neugrasp.exporters import graspnet, ros, vgn
 from neugrasp.geometry.pose import apply, from_quaternion, inverse, rigid
 from neugrasp.grasp import Grasp
@@ -133,7 +133,7 @@ def test_the_arm_s_last_link_stands_as_franka_mounts_the_hand_on_it():
 @pytest.fixture
 def grasps_json(tmp_path: Path) -> Path:
     found = [GRASP, Grasp(GRASP.pose, 0.03, 0.95)]
-    write_grasps(tmp_path / "grasps.json", found, origin={"gripper": "panda"})
+    write_grasps(tmp_path / "grasps.json", found, {"gripper": "panda"})
     return tmp_path / "grasps.json"
 
 
@@ -181,7 +181,7 @@ def test_a_mistake_ends_with_2(
 def test_grasps_of_an_unknown_gripper_are_not_guessed_at(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     file = tmp_path / "grasps.json"
     for origin, message in (({}, "names no gripper"), ({"gripper": "hook"}, "'hook', which is not bundled")):
-        write_grasps(file, [GRASP], origin=origin)
+        write_grasps(file, [GRASP], origin)
         assert cli.main(["export", str(file), "--format", "vgn"]) == 2
         assert message in capsys.readouterr().err
     assert cli.main(["export", str(file), "--format", "vgn", "--gripper", "robotiq_2f85"]) == 0

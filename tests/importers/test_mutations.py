@@ -30,7 +30,7 @@ from neugrasp.importers.nerfstudio import check_motion, read_transforms
 from neugrasp.importers.photos import Pair
 from neugrasp.importers.robot_poses import camera_of, read_robot
 from neugrasp.importers.shots import Listed
-from neugrasp.views import View, Views
+from neugrasp.observation import View, Views
 
 FEW, MANY = 100, 2000
 BOARDS = [
@@ -76,7 +76,7 @@ def small_scene() -> Views:
     photo = np.zeros((32, 32, 3), dtype=np.uint8)
     intrinsics = np.array([[30.0, 0, 16], [0, 30, 16], [0, 0, 1]])
     poses = [look_at((x, -0.2, 0.5), (0.15, 0.15, 0.05)) for x in (0.1, 0.2)]
-    return Views(tuple(View(photo, photo, Camera(intrinsics, pose, 32, 32)) for pose in poses), Workspace())
+    return Views(tuple(View(Camera(intrinsics, pose, 32, 32), photo, photo) for pose in poses), Workspace())
 
 
 def read_all(listed: list[Listed], file: Path) -> None:

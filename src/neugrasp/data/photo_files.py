@@ -14,7 +14,7 @@ from PIL import UnidentifiedImageError
 
 from neugrasp.data.user_files import check_regular
 from neugrasp.errors import InputError
-from neugrasp.views import Image
+from neugrasp.observation import Image
 
 SMALLEST_IMAGE = 32
 """Pixels; a smaller photo is a thumbnail or a mistake."""

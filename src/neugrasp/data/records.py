@@ -28,8 +28,8 @@ from neugrasp.data.trials import Trials, trials_from_bytes, trials_to_bytes
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.workspace import Workspace
+from neugrasp.observation import View, Views
 from neugrasp.simulation.scene import Scene, scene_from_json, scene_to_json
-from neugrasp.views import View, Views
 
 DEPTH_UNIT = 1e-4
 """Metres that one step of a stored depth stands for; 0 is no surface."""
@@ -199,7 +199,7 @@ def _photos(folder: Path, wanted: PhotosWanted) -> dict[str, Any]:
     found = {name: found[name] for name in found if name.startswith("target")} | {
         "images": _stacked(inputs, "image", folder / "images"),
         "backgrounds": _stacked(inputs, "background", folder / "backgrounds"),
-        "cameras": tuple(view.camera for view in inputs.views),
+        "cameras": tuple(view.camera for view in inputs.frames),
     }
     if wanted == "inputs":
         return found
@@ -207,7 +207,7 @@ def _photos(folder: Path, wanted: PhotosWanted) -> dict[str, Any]:
     return found | {
         "targets": _stacked(targets, "image", folder / "targets" / "images"),
         "target_backgrounds": _stacked(targets, "background", folder / "targets" / "backgrounds"),
-        "target_cameras": tuple(view.camera for view in targets.views),
+        "target_cameras": tuple(view.camera for view in targets.frames),
     }
 
 
@@ -279,11 +279,11 @@ def _views(
     workspace: Workspace,
 ) -> Views:
     triples = zip(images, backgrounds, cameras, strict=True)
-    return Views(tuple(View(image, background, camera) for image, background, camera in triples), workspace)
+    return Views(tuple(View(camera, image, background) for image, background, camera in triples), workspace)
 
 
 def _stacked(views: Views, field: str, source: Path) -> NDArray[np.uint8]:
-    images = [getattr(view, field) for view in views.views]
+    images = [getattr(view, field) for view in views.frames]
     if len({image.shape for image in images}) != 1:
         raise InputError(f"{source}: images of several sizes; those of a record are all of one size")
     return np.stack(images)

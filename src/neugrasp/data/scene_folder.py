@@ -22,7 +22,7 @@ from neugrasp.data.user_files import check_name, read_object
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.views import MAX_VIEWS, Image, View, Views
+from neugrasp.observation import MAX_VIEWS, Image, View, Views
 
 FORMAT = "neugrasp-scene"
 VERSION = 1
@@ -39,7 +39,7 @@ STRAIGHT = (
 logger = logging.getLogger(__name__)
 
 
-def read_scene(path: Path) -> Views:
+def read_scene(path: str | Path) -> Views:
     """The scene in folder `path` (or whose `scene.json` is `path`).
 
     Raises `InputError` that names the file and the view, what is wrong, and what would be right.
@@ -60,12 +60,12 @@ def read_scene(path: Path) -> Views:
     return scene
 
 
-def write_scene(path: Path, views: Views) -> None:
+def write_scene(path: str | Path, views: Views) -> None:
     """Writes `views` as a scene into folder `path`. `scene.json` comes last and at once: a folder without it
     is not a scene yet."""
     path = Path(path)
     entries = []
-    for i, view in enumerate(views.views):
+    for i, view in enumerate(views.frames):
         entry: dict[str, Any] = {"image": f"images/{i}.png", "background": f"backgrounds/{i}.png"}
         for key, pixels in (("image", view.image), ("background", view.background)):
             target = path / entry[key]
@@ -147,7 +147,7 @@ def view_of(entry: Any, where: str, folder: Path) -> View:
         height,
         check_sensed(entry.get("sensed"), width, height, f"{where}: sensed"),
     )
-    return View(image, background, camera, name=entry["image"])
+    return View(camera, image, background, name=entry["image"])
 
 
 def photo_of(folder: Path, entry: dict[str, Any], key: str, where: str) -> Path:

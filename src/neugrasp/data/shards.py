@@ -37,8 +37,8 @@ from neugrasp.data.strict_json import parse_json, read_json
 from neugrasp.data.trials import trials_from_bytes, trials_to_bytes
 from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.errors import InputError
+from neugrasp.observation import Image
 from neugrasp.simulation.scene import camera_from_dict, camera_to_dict, scene_from_json, scene_to_json
-from neugrasp.views import Image
 
 FORMAT = "neugrasp-shards"
 VERSION = 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from neugrasp.detection.detector import Detection
+from neugrasp.detection.contract import Detection
 
 WORDS = {
     "off_the_surface": "off the surface",

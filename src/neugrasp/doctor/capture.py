@@ -15,7 +15,7 @@ from neugrasp.doctor.findings import Finding, Level, Problem, green
 from neugrasp.doctor.problems import INTRINSICS_UNIT, NOT_RIGID, ROTATION_TAG, TRANSPOSED, UNITS, UNREADABLE
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import is_rigid
-from neugrasp.views import MAX_VIEWS, View, Views
+from neugrasp.observation import MAX_VIEWS, View, Views
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Capture:
 
     def with_views(self, views: list[View]) -> Capture:
         """The same capture with other photos or cameras."""
-        return replace(self, views=replace(self.views, views=tuple(views)))
+        return replace(self, views=replace(self.views, frames=tuple(views)))
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from neugrasp.doctor.problems import BACKGROUND_DIFFERS, MIRRORED, SHIFTED
 from neugrasp.doctor.shot import shots_of
 from neugrasp.doctor.silhouettes import check_silhouettes
 from neugrasp.doctor.table_checks import check_table, check_table_quickly
-from neugrasp.views import Views
+from neugrasp.observation import Views
 
 Look = Callable[[Capture], tuple[Capture, list[Finding]]]
 """Checks of cameras that look at the cube, and the capture with certain mistakes undone."""

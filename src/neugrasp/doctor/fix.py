@@ -57,7 +57,7 @@ def _corrected(diagnosis: Diagnosis, capture: Capture) -> dict[str, Any]:
     data = copy.deepcopy(diagnosis.data)
     data["workspace"]["world_from_workspace"] = capture.views.workspace.world_from_workspace.tolist()
     written = diagnosis.data["views"]
-    for i, (view, entry) in enumerate(zip(capture.views.views, data["views"], strict=True)):
+    for i, (view, entry) in enumerate(zip(capture.views.frames, data["views"], strict=True)):
         entry["world_from_camera"] = view.camera.world_from_camera.tolist()
         entry["intrinsics"] = view.camera.intrinsics.tolist()
         entry["background"] = written[capture.backgrounds[i]]["background"]

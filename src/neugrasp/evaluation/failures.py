@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from neugrasp.errors import InputError
+from neugrasp.evaluation.commands import Failures
 from neugrasp.evaluation.episode import Attempt
 from neugrasp.evaluation.folder import library_of, played, scene_of
 from neugrasp.geometry.workspace import Workspace
@@ -25,6 +26,11 @@ class Aimed:
     material: str
     reason: str
     """One of `robot.pick.REASONS`."""
+
+
+def run(config: Failures) -> str:
+    """`neugrasp failures`: the table."""
+    return failures_table(aimed_grasps(config.evaluation, config.objects))
 
 
 def aimed_grasps(evaluation: Path, objects: Path | None = None) -> list[Aimed]:

@@ -12,7 +12,7 @@ import logging
 import math
 import zlib
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -29,6 +29,7 @@ from neugrasp.detection.decode import select_grasps
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Validate
+from neugrasp.evaluation.held_out_table import held_out_table
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import gripper_hash
@@ -90,7 +91,7 @@ def attempts_of(
 
 def find_grasps(
     name: str, record: Record, detector: NeuGraspDetector, rng: np.random.Generator
-) -> tuple[Grasp, ...]:
+) -> Sequence[Grasp]:
     """Grasps of one of `DETECTORS`, best first, workspace frame."""
     if name == "neugrasp":
         return detector.detect(record.views()).grasps
@@ -106,6 +107,11 @@ def oracle_grasps(tsdf: np.ndarray, detector: NeuGraspDetector) -> tuple[Grasp, 
     return select_grasps(prediction, detector.model.workspace, detector.gripper, detector.selection).grasps
 
 
+def run(config: Validate) -> str:
+    """`neugrasp validate`: the table, and where the numbers are."""
+    return f"{held_out_table(run_held_out(config))}\n\n{config.out / 'held_out.json'}"
+
+
 def run_held_out(run: Validate) -> dict[str, Any]:
     """Writes attempts.jsonl and held_out.json to `run.out` and returns what the latter holds.
 
@@ -114,7 +120,12 @@ def run_held_out(run: Validate) -> dict[str, Any]:
     """
     records = _read_all(run.data)
     detector = NeuGraspDetector.load(
-        run.weights, run.gripper, threshold=run.threshold, hand_check=run.hand_check
+        run.weights,
+        run.gripper,
+        run.device,
+        threshold=run.threshold,
+        hand_check=run.hand_check,
+        precision=run.precision,
     )
     sets = sorted({body.object_set for record in records for body in record.scene.bodies})
     library = ObjectLibrary.open(sets, run.objects)

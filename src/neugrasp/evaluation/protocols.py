@@ -25,8 +25,6 @@ class Protocol:
     """Whether DR counts the objects of rounds in which nothing was ever attempted. FSR always counts them."""
     strategy: str
     """Which of the detected grasps is carried out, where the user does not say: one of `STRATEGIES`."""
-    threshold: float = 0.9
-    """Smoothed quality below which a detector's voxel is no grasp."""
     object_friction: float | None = None
     """Lateral friction of all objects; None: each object's own, 1 in all the published sets."""
     max_failures: int = 2

@@ -23,6 +23,7 @@ from neugrasp.geometry.pose import from_quaternion
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
+from neugrasp.observation import Image, View
 from neugrasp.output import whole_file
 from neugrasp.pictures.overlay import draw_grasps, photo_of_workspace
 from neugrasp.robot.pick import SUCCESS
@@ -31,7 +32,6 @@ from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.renderer import Renderer, RenderSettings
 from neugrasp.simulation.scene import Scene
-from neugrasp.views import Image, View
 
 WIDTH = 300
 """Pixels of a picture."""
@@ -103,7 +103,7 @@ class _Stage:
         cell = fixed.cell
         empty = backgrounds(cell, background_folder(cell, self._settings), self._photographer, self._library)
         photos = self._photographer.render(cell, scene, self._library, range(cell.num_inputs))
-        return [View(p, b, c) for p, b, c in zip(photos, empty, cell.cameras, strict=False)]
+        return [View(c, p, b) for p, b, c in zip(photos, empty, cell.cameras, strict=False)]
 
     def _shapes(self, fixed: Round) -> list[View]:
         """Pictures from depth alone: one colour for each body, lit along the line of sight."""
@@ -114,7 +114,7 @@ class _Stage:
             light = 1 / np.sqrt(1 + np.minimum(slope / np.maximum(depth, 0.1), 4.0) ** 2)
             colour = np.where(mask[..., None] > 0, COLOURS[1 + (mask - 1) % (len(COLOURS) - 1)], COLOURS[0])
             shaded = (colour * (0.35 + 0.65 * light[..., None]) * (mask >= 0)[..., None]).astype(np.uint8)
-            views.append(photo_of_workspace(View(shaded, shaded, camera), self.world.workspace, WIDTH))
+            views.append(photo_of_workspace(View(camera, shaded, shaded), self.world.workspace, WIDTH))
         return views
 
 

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from neugrasp.errors import InputError
-
 
 @dataclass(frozen=True)
 class Export:
@@ -28,18 +26,3 @@ class Export:
     link: Literal["tcp", "hand", "panda_link8"] | None = None
     """For ros: what the poses are of, the TCP between the pads (by default), the hand's flange, or the last
     link of the Panda's arm, which MoveIt moves."""
-
-    def run(self) -> str:
-        """How many grasps were written."""
-        from neugrasp.export import FILES
-        from neugrasp.exporters.exporting import SUFFIXES, export_file
-        from neugrasp.exporters.ros import Stamp
-
-        for option, value in (("--frame-id", self.frame_id), ("--link", self.link)):
-            if value is not None and self.format != "ros":
-                raise InputError(f"{option} is for --format ros; {self.format} files hold no such name")
-        stamp = Stamp(self.frame_id or "world", self.link or "tcp")
-        grasps = self.grasps / FILES[0] if self.grasps.is_dir() else self.grasps
-        out = self.out or grasps.with_name(f"{grasps.stem}_{self.format}{SUFFIXES[self.format][0]}")
-        count = export_file(grasps, out, self.format, self.gripper, stamp)
-        return f"{count} grasps in {out}"

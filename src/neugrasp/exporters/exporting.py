@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
+from neugrasp.detection.files import FILES, read_grasp_list
 from neugrasp.errors import InputError
-from neugrasp.export import read_grasp_list
 from neugrasp.exporters import graspnet, ros, vgn
+from neugrasp.exporters.command import Export
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper, bundled
 from neugrasp.output import whole_file
@@ -22,6 +23,18 @@ SUFFIXES: dict[Format, tuple[str, ...]] = {
     "vgn": (".csv",),
     "ros": (".json", ".yaml", ".yml"),
 }
+
+
+def run(config: Export) -> str:
+    """`neugrasp export`: how many grasps were written."""
+    for option, value in (("--frame-id", config.frame_id), ("--link", config.link)):
+        if value is not None and config.format != "ros":
+            raise InputError(f"{option} is for --format ros; {config.format} files hold no such name")
+    stamp = ros.Stamp(config.frame_id or "world", config.link or "tcp")
+    grasps = config.grasps / FILES[0] if config.grasps.is_dir() else config.grasps
+    out = config.out or grasps.with_name(f"{grasps.stem}_{config.format}{SUFFIXES[config.format][0]}")
+    count = export_file(grasps, out, config.format, config.gripper, stamp)
+    return f"{count} grasps in {out}"
 
 
 def export_file(grasps: Path, out: Path, name: Format, gripper: str | None, stamp: ros.Stamp) -> int:

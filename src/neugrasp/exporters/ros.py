@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from neugrasp.data.fields import Fields
 from neugrasp.data.strict_json import read_json
+from neugrasp.detection.files import FARTHEST, HIGHEST, width_of
 from neugrasp.errors import InputError
-from neugrasp.export import FARTHEST, HIGHEST, width_of
 from neugrasp.geometry.pose import Array, from_quaternion, inverse, rigid, to_quaternion
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper

@@ -23,7 +23,7 @@ from neugrasp.importers.resampling import (
     resampled,
     seen_on_table,
 )
-from neugrasp.views import MAX_VIEWS, Image, View, Views
+from neugrasp.observation import MAX_VIEWS, Image, View, Views
 
 LEAST_SHOWN = 0.2
 """Of a photo, what must be left of it after undistorting and warping."""
@@ -108,7 +108,7 @@ def _view(shot: Shot, pair: Pair, workspace: Workspace) -> View:
             "must be taken from (nearly) the same place, and the lens' distortion must be moderate"
         )
     camera = Camera(lens.intrinsics, shot.world_from_camera, lens.width, lens.height, sensed)
-    return View(np.ascontiguousarray(image), np.ascontiguousarray(background), camera, shot.name)
+    return View(camera, np.ascontiguousarray(image), np.ascontiguousarray(background), name=shot.name)
 
 
 def _photo(file: Path, shot: Shot) -> Image:

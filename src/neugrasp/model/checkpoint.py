@@ -156,13 +156,9 @@ def _workspace_from(path: Path, metadata: dict[str, str]) -> Workspace:
         return Workspace()
     described = _described(path, metadata, "workspace")
     described.only(CUBE)
-    resolution = described.whole("resolution", 8, 256)
-    if resolution % 8:
-        raise described.refuse("resolution", f"is {resolution}; it must be a multiple of 8")
-    size, table_height, truncation = (
-        described.number(name, 1e-3, 10, "metres") for name in CUBE if name != "resolution"
-    )
-    return Workspace(size, resolution, table_height, truncation)
+    for name in CUBE:
+        described.get(name)
+    return Workspace.from_dict(described)
 
 
 def _entry(described: Fields, name: str, default: Any) -> Any:

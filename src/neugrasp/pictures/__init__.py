@@ -1,5 +1,6 @@
 """Pictures for people: grasps drawn into photos, shaded surfaces, slices of the grid, contact sheets."""
 
+from neugrasp.pictures.files import write_picture
 from neugrasp.pictures.overlay import draw_grasps, photo_of_workspace
 from neugrasp.pictures.overview import opposite, overlay_sheet, surface_sheet
 from neugrasp.pictures.shading import free_where_unseen, shade_surface
@@ -17,4 +18,5 @@ __all__ = [
     "shade_surface",
     "slice_picture",
     "surface_sheet",
+    "write_picture",
 ]

@@ -13,7 +13,7 @@ from neugrasp.geometry.pose import Array, apply, inverse
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
-from neugrasp.views import Image, View
+from neugrasp.observation import Image, View
 
 NEAR = 0.01
 """Metres; what is nearer to the camera is not drawn."""
@@ -39,7 +39,7 @@ def photo_of_workspace(view: View, workspace: Workspace, size: int = 512) -> Vie
         return np.asarray(picture)
 
     camera = view.camera.cropped_and_resized((left, top, right, bottom), width, height)
-    return View(cut(view.image), cut(view.background), camera, view.name)
+    return View(camera, cut(view.image), cut(view.background), name=view.name)
 
 
 def draw_grasps(view: View, grasps: Sequence[Grasp], gripper: Gripper, smallest: int = 512) -> Image:

@@ -12,10 +12,10 @@ from neugrasp.geometry.view_sets import on_sphere
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
+from neugrasp.observation import Image, View, Views
 from neugrasp.pictures.overlay import draw_grasps, photo_of_workspace
 from neugrasp.pictures.shading import free_where_unseen, shade_surface
 from neugrasp.pictures.sheet import Tile, contact_sheet
-from neugrasp.views import Image, View, Views
 
 PHOTO_SIZE = 640
 """Pixels of the longer side of a photo on the overlay sheet."""
@@ -31,7 +31,7 @@ def overlay_sheet(views: Views, grasps: Sequence[Grasp], gripper: Gripper) -> Im
         title = f"{len(best)} best of {len(grasps)} grasps, green first; scores {scores}"
     else:
         title = "no grasps"
-    photos = [photo_of_workspace(view, views.workspace, PHOTO_SIZE) for view in views.views]
+    photos = [photo_of_workspace(view, views.workspace, PHOTO_SIZE) for view in views.frames]
     tiles = [Tile(draw_grasps(photo, best, gripper, 1), f"view {i}") for i, photo in enumerate(photos)]
     return contact_sheet(tiles, columns=2 if len(tiles) <= 4 else 4, title=title)
 
@@ -40,7 +40,7 @@ def surface_sheet(views: Views, tsdf: ArrayLike, truth: ArrayLike | None = None)
     """The first photo beside the predicted surface from the same camera and from the opposite side, and below
     them the true surface where it is known (a fused grid, -1 where unseen)."""
     workspace = views.workspace
-    front = photo_of_workspace(views.views[0], workspace)
+    front = photo_of_workspace(views.frames[0], workspace)
     back = opposite(front, workspace)
 
     def row(grid: ArrayLike, what: str) -> list[Tile]:
@@ -62,4 +62,4 @@ def opposite(view: View, workspace: Workspace) -> View:
     azimuth = float(np.arctan2(offset[1], offset[0])) + np.pi
     camera = on_sphere(workspace, 0.5, np.deg2rad(40), azimuth).moved(workspace.world_from_workspace)
     blank = np.zeros((camera.height, camera.width, 3), dtype=np.uint8)
-    return photo_of_workspace(View(blank, blank, camera), workspace)
+    return photo_of_workspace(View(camera, blank, blank), workspace)

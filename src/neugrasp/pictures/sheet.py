@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image as Picture
 from PIL import ImageDraw, ImageFont
 
-from neugrasp.views import Image
+from neugrasp.observation import Image
 
 MARGIN = 12
 TEXT_SIZE = 18

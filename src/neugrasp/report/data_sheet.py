@@ -14,11 +14,11 @@ from scipy.spatial.transform import Rotation
 
 from neugrasp.data.records import Record
 from neugrasp.data.whole_or_nothing import whole_or_nothing
-from neugrasp.export import write_picture
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.pictures import Tile, contact_sheet
+from neugrasp.observation import Image
+from neugrasp.pictures import Tile, contact_sheet, write_picture
+from neugrasp.report.command import DataSheet
 from neugrasp.training.dataset import read_records
-from neugrasp.views import Image
 
 TEXT, SCENES, BALANCE = "data_sheet.md", "scenes.jpg", "balance.png"
 NUM_SCENES = 3
@@ -77,6 +77,11 @@ class Counts:
             self.widths += labels.widths[labels.success].tolist()
             approach = Rotation.from_quat(labels.quaternions[labels.success]).apply((0.0, 0.0, 1.0))
             self.angles += np.degrees(np.arccos(np.clip(-approach[:, 2], -1, 1))).tolist()
+
+
+def run(config: DataSheet) -> Path:
+    """`neugrasp datasheet`: the sheet's name."""
+    return write_data_sheet(config.data, config.out)
 
 
 def write_data_sheet(folders: Sequence[Path], out: Path) -> Path:

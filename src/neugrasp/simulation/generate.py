@@ -26,11 +26,10 @@ from neugrasp.gripper import Gripper, gripper_hash
 from neugrasp.long_runs import CONTENTS, begun_as, end_with, held, lock, unlock
 from neugrasp.output import write_text
 from neugrasp.simulation.cell_photos import Photographer
+from neugrasp.simulation.command import Generate
 from neugrasp.simulation.objects import KINDS, SPLITS, ObjectLibrary
 from neugrasp.simulation.renderer import Renderer, RenderSettings
-from neugrasp.simulation.studio import TARGETS_PER_CELL, TARGETS_PER_SCENE, GenerateConfig, Studio
-
-__all__ = ["GenerateConfig", "generate"]
+from neugrasp.simulation.studio import TARGETS_PER_CELL, TARGETS_PER_SCENE, Studio
 
 MakePhotographer = Callable[[int], AbstractContextManager[Photographer | None]]
 """Number of threads -> a photographer to be used in a with statement."""
@@ -38,7 +37,7 @@ MakePhotographer = Callable[[int], AbstractContextManager[Photographer | None]]
 logger = logging.getLogger(__name__)
 
 
-def generate(config: GenerateConfig, make_photographer: MakePhotographer | None = None) -> list[Path]:
+def generate(config: Generate, make_photographer: MakePhotographer | None = None) -> list[Path]:
     """Makes the scenes that `config.out` does not hold yet; the folders of all of them, in order.
 
     Raises `InputError` where the configuration is not valid or the folder holds another data set, and
@@ -59,7 +58,14 @@ def generate(config: GenerateConfig, make_photographer: MakePhotographer | None 
     return folders
 
 
-def _renderer_of(config: GenerateConfig) -> MakePhotographer:
+def run(config: Generate) -> str:
+    """`neugrasp generate`: how many scenes there are, and what they are for."""
+    generate(config)
+    then = f"train on them with: neugrasp train --data {config.out} --out DIR"
+    return f"{config.num} scenes in {config.out}; {then}"
+
+
+def _renderer_of(config: Generate) -> MakePhotographer:
     return partial(Renderer, settings=RenderSettings(samples=config.samples))
 
 
@@ -68,7 +74,7 @@ def _nobody(_threads: int) -> AbstractContextManager[None]:
     return nullcontext()
 
 
-def _checked(config: GenerateConfig) -> ObjectLibrary:
+def _checked(config: Generate) -> ObjectLibrary:
     for value, allowed, what in (
         (config.scene, KINDS, "--scene"),
         (config.split, SPLITS, "--split"),
@@ -95,7 +101,7 @@ def _checked(config: GenerateConfig) -> ObjectLibrary:
     return library
 
 
-def _describe(config: GenerateConfig, library: ObjectLibrary) -> None:
+def _describe(config: Generate, library: ObjectLibrary) -> None:
     """Writes dataset.json, or checks that the one that is there says the same."""
     choices = library.choices(config.split, config.scene)
     description = {
@@ -159,7 +165,7 @@ class _Progress:
 
 
 def _make_all(
-    config: GenerateConfig, missing: list[int], make_photographer: MakePhotographer, progress: _Progress
+    config: Generate, missing: list[int], make_photographer: MakePhotographer, progress: _Progress
 ) -> None:
     num_cores = len(os.sched_getaffinity(0))
     workers = min(config.workers or num_cores, len(missing))
@@ -191,7 +197,7 @@ def _make(studio: Studio, index: int) -> dict[str, float]:
     return {stage: spent - before.get(stage, 0.0) for stage, spent in studio.seconds.items()}
 
 
-def _chunks(config: GenerateConfig, missing: list[int], workers: int) -> list[list[int]]:
+def _chunks(config: Generate, missing: list[int], workers: int) -> list[list[int]]:
     """Scenes of one cell go to one worker, so that its backgrounds are rendered once, if enough are left."""
     cells: dict[int, list[int]] = defaultdict(list)
     for index in missing:
@@ -218,7 +224,7 @@ def _watch(
 class _Worker:
     """What a worker process keeps between scenes."""
 
-    config: GenerateConfig
+    config: Generate
     make_photographer: MakePhotographer
     threads: int
     finished: Queue[dict[str, float]]
@@ -230,7 +236,7 @@ _worker: list[_Worker] = []
 
 
 def _start_worker(
-    config: GenerateConfig,
+    config: Generate,
     make_photographer: MakePhotographer,
     threads: int,
     finished: Queue[dict[str, float]],

@@ -19,9 +19,9 @@ from neugrasp.data.shards import INDEX, Shards
 from neugrasp.errors import InputError
 from neugrasp.geometry.symmetry import Symmetry
 from neugrasp.geometry.workspace import Workspace
+from neugrasp.observation import View
 from neugrasp.training.config import TrainConfig
 from neugrasp.training.samples import PreparedView, Sample, Truth, crop_views, sample_of, truth_of
-from neugrasp.views import View
 
 
 class Records(Protocol):

@@ -19,7 +19,7 @@ import numpy as np
 from PIL import Image as Picture
 
 from neugrasp.errors import InputError, NeuGraspError, require
-from neugrasp.views import Image
+from neugrasp.observation import Image
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 PATIENCE = 300.0

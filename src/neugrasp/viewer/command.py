@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from neugrasp.errors import InputError
-
 
 @dataclass(frozen=True)
 class Viewer:
@@ -48,25 +46,3 @@ class Viewer:
     """Where to listen; 0.0.0.0 lets other machines look, too."""
     port: int = 8080
     """The next free one is taken where it is in use."""
-
-    def run(self) -> str | None:
-        """The name of the picture, or nothing after the viewer was ended with Ctrl-C."""
-        if not 0 <= self.port < 2**16:
-            raise InputError(f"--port {self.port}: must be from 0 to 65535")
-        from neugrasp.viewer.opening import open_contents
-        from neugrasp.viewer.settings import Settings
-        from neugrasp.viewer.show import serve, take_picture
-
-        contents = open_contents(self)
-        settings = Settings(
-            moment=self.moment,
-            colouring=self.colour,
-            shows_truth=self.truth,
-            most=self.grasps,
-            hand="whole hand" if self.hand == "whole" else self.hand,
-        ).suited_to(contents)
-        if self.screenshot is not None:
-            take_picture(self, contents, settings)
-            return str(self.screenshot)
-        serve(self, contents, settings)
-        return None

@@ -134,7 +134,7 @@ def _table(contents: Contents) -> PictureNode:
     middle = workspace.centre - (0, 0, BELOW_TABLE)
     pose = rigid(np.diag([1.0, -1.0, -1.0]), middle)
     side = edge(workspace)
-    return PictureNode("table", tabletop(contents.views, workspace), side, side, pose, has_shadows=True)
+    return PictureNode("table", tabletop(contents.photos, workspace), side, side, pose, has_shadows=True)
 
 
 @lru_cache(maxsize=4)
@@ -152,10 +152,10 @@ def _surface(contents: Contents, moment: Moment, colouring: Colouring, has_table
     surface = (fine_surface if has_table else things_on_table)(moment.tsdf, workspace)
     field = Field(moment.tsdf, workspace)
     colour: Colour | np.ndarray = PLAIN
-    if len(surface.vertices) and colouring == "photos" and contents.has_photos:
-        colour = by_photos(surface, field, contents.views)
-    elif len(surface.vertices) and colouring == "views" and contents.has_photos:
-        colour = by_views(surface, field, contents.views)
+    if len(surface.vertices) and colouring == "photos" and contents.photos:
+        colour = by_photos(surface, field, contents.photos)
+    elif len(surface.vertices) and colouring == "views" and contents.photos:
+        colour = by_views(surface, field, contents.photos)
     elif len(surface.vertices) and colouring == "confidence":
         colour = by_confidence(surface, field)
     return MeshNode("surface", surface, colour)

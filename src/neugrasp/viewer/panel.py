@@ -86,7 +86,7 @@ class Panel:
         gui, now = self._gui, self._settings
         with gui.add_folder("Surface"):
             self._add("shows_surface", gui.add_checkbox("show", now.shows_surface))
-            options = COLOURINGS if self._contents.has_photos else ("plain", "confidence")
+            options = COLOURINGS if self._contents.photos else ("plain", "confidence")
             self._add("colouring", gui.add_dropdown("colour", options, initial_value=now.colouring))
             label = "the table, too"
             self._add("shows_reconstructed_table", gui.add_checkbox(label, now.shows_reconstructed_table))

@@ -12,17 +12,17 @@ from neugrasp.data.camera_checks import check_rigid
 from neugrasp.data.labels import labels_from_bytes
 from neugrasp.data.npz import npz_arrays
 from neugrasp.data.scene_folder import FILE, read_scene
+from neugrasp.detection.files import read_grasp_list
 from neugrasp.errors import InputError, NeuGraspError
-from neugrasp.export import read_grasp_list
 from neugrasp.geometry.pose import from_quaternion, inverse
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper, bundled
+from neugrasp.observation import View, Views
 from neugrasp.pictures.shading import free_where_unseen
 from neugrasp.simulation.scene import scene_from_json
 from neugrasp.viewer.bodies import solids_of
 from neugrasp.viewer.contents import Candidate, Contents, Grid, Moment, Solid, Truth
-from neugrasp.views import View, Views
 
 log = logging.getLogger(__name__)
 GRASPS, GRID = "grasps.json", "tsdf.npz"
@@ -77,7 +77,7 @@ def prediction_contents(folder: Path, choices: Choices) -> Contents:
 def in_workspace(views: Views) -> tuple[View, ...]:
     """The views with their cameras in the workspace frame."""
     workspace_from_world = inverse(views.workspace.world_from_workspace)
-    return tuple(replace(view, camera=view.camera.moved(workspace_from_world)) for view in views.views)
+    return tuple(replace(view, camera=view.camera.moved(workspace_from_world)) for view in views.frames)
 
 
 def _gripper(name: str, file: Path) -> Gripper:

@@ -52,7 +52,7 @@ class Settings:
         index = contents.workspace.resolution // 2
         return replace(
             self,
-            colouring="plain" if needs_photos and not contents.has_photos else self.colouring,
+            colouring="plain" if needs_photos and not contents.photos else self.colouring,
             slice_index=index if tsdf is None else busiest_slice(tsdf, contents.workspace),
         )
 

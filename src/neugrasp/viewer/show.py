@@ -11,6 +11,7 @@ import numpy as np
 from PIL import Image as Picture
 
 from neugrasp.errors import InputError
+from neugrasp.observation import Image
 from neugrasp.output import photos_in, whole_file
 from neugrasp.viewer.browser import Browser
 from neugrasp.viewer.command import Viewer
@@ -20,7 +21,6 @@ from neugrasp.viewer.panel import Panel
 from neugrasp.viewer.settings import Settings
 from neugrasp.viewer.stage import Stage
 from neugrasp.viewer.viewpoint import viewpoint
-from neugrasp.views import Image
 
 log = logging.getLogger(__name__)
 SMALL = (480, 300)
