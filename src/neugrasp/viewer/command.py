@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from neugrasp.errors import InputError
-
 
 @dataclass(frozen=True)
 class Viewer:
@@ -46,17 +44,17 @@ class Viewer:
     """The Chromium or Chrome to take pictures with; by default the first one found."""
     host: str = "127.0.0.1"
     """Where to listen; 0.0.0.0 lets other machines look, too."""
-    port: int = 8080
-    """The next free one is taken where it is in use."""
+    port: int | None = None
+    """Where to listen, from 1024 to 65535; 0: any free one. By default the first free one from 8080 on."""
 
     def run(self) -> str | None:
         """The name of the picture, or nothing after the viewer was ended with Ctrl-C."""
-        if not 0 <= self.port < 2**16:
-            raise InputError(f"--port {self.port}: must be from 0 to 65535")
+        from neugrasp.viewer.door import free_port
         from neugrasp.viewer.opening import open_contents
         from neugrasp.viewer.settings import Settings
         from neugrasp.viewer.show import serve, take_picture
 
+        free_port(self.host, self.port)  # Known before the work.
         contents = open_contents(self)
         settings = Settings(
             moment=self.moment,

@@ -34,7 +34,9 @@ GROUND = np.array([255, 255, 255])
 class Show:
     """Contents in the browser, with what the visitor has chosen."""
 
-    def __init__(self, contents: Contents, settings: Settings, host: str = "127.0.0.1", port: int = 8080):
+    def __init__(
+        self, contents: Contents, settings: Settings, host: str = "127.0.0.1", port: int | None = None
+    ):
         self.contents, self.settings = contents, settings
         self._lock = threading.Lock()
         self.stage = Stage(host, port, contents.title)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from neugrasp.errors import NeuGraspError, require
 from neugrasp.geometry.pose import Array, to_quaternion
 from neugrasp.viewer.contents import Candidate
+from neugrasp.viewer.door import free_port, guarded
 from neugrasp.viewer.glb import glb
 from neugrasp.viewer.nodes import AxesNode, LinesNode, MeshNode, Node, PictureNode
 from neugrasp.viewer.viewpoint import Viewpoint
@@ -31,12 +32,13 @@ Clicked = Callable[[Candidate], None]
 class Stage:
     """A web server with one scene, which all browsers that visit it share."""
 
-    def __init__(self, host: str, port: int, title: str):
-        """Raises `MissingExtra` without viser."""
+    def __init__(self, host: str, port: int | None, title: str):
+        """Raises `MissingExtra` without viser, `InputError` where nobody can listen there."""
         viser = require("viser", extra="view")
         # A browser that hangs up in the middle of a greeting is no news.
         logging.getLogger("websockets").setLevel(logging.CRITICAL)
-        with contextlib.redirect_stdout(io.StringIO()):
+        port = free_port(host, port)
+        with contextlib.redirect_stdout(io.StringIO()), guarded(host):
             self._server: Any = viser.ViserServer(host=host, port=port, label=title, verbose=False)
         self._drawn: dict[str, tuple[Node, Any]] = {}
         self.gui: Any = self._server.gui
