@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from neugrasp.data.photo_files import read_image
-from neugrasp.data.user_files import read_object
+from neugrasp.data.strict_json import read_object
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, apply, inverse
 from neugrasp.importers.board import Board
@@ -92,7 +92,7 @@ def _lens(folder: Path, pairs: Mapping[str, Pair], board: Board) -> Lens:
     """`camera.json` of the folder, or a calibration from the photos in `calibration` and the backgrounds."""
     file = folder / "camera.json"
     if file.exists():
-        return camera_of(read_object(file), file)
+        return camera_of(read_object(file, "a calibration of the camera"), file)
     files = [*PhotoFolder(folder / "calibration").photos, *(pair.background for pair in pairs.values())]
     try:
         lens = calibrate(board, [read_image(file, "the calibration") for file in files])

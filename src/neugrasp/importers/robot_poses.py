@@ -24,7 +24,8 @@ from typing import Any
 import numpy as np
 
 from neugrasp.data.known_keys import refuse_bends, warn_of_unknown
-from neugrasp.data.user_files import check_name, read_object, read_text
+from neugrasp.data.strict_json import read_object
+from neugrasp.data.user_files import check_name, read_text
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, from_quaternion, inverse, rigid
 from neugrasp.importers.files import pose_of
@@ -44,7 +45,7 @@ logger = logging.getLogger(__name__)
 
 def read_robot(file: Path) -> list[Listed]:
     """world_from_camera = base_from_flange @ flange_from_camera for every view. Raises `InputError`."""
-    data = read_object(file)
+    data = read_object(file, "a list of flange poses")
     views = data.get("views")
     check_lens_keys(data, FILE_KEYS, str(file))
     pose_of(data.get("flange_from_camera"), f"{file}: flange_from_camera")

@@ -97,7 +97,7 @@ def guarded(host: str) -> Iterator[None]:
 
     Viser has no such switch; what it starts is `serve` of websockets, which has a place for it.
     """
-    server = require("websockets.asyncio.server", extra="view")
+    server: Any = require("websockets.asyncio.server", extra="view")
     serve = server.serve
 
     def guarded_serve(*arguments: Any, process_request: Callable[..., Any], **options: Any) -> Any:
