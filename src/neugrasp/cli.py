@@ -3,33 +3,28 @@
 from __future__ import annotations
 
 import sys
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, Protocol
 
-try:
-    import traceback
-    from collections.abc import Callable, Sequence
-    from dataclasses import dataclass, field
-    from pathlib import Path
-    from typing import TYPE_CHECKING, Annotated, Literal, Protocol
+import tyro
 
-    import tyro
-
-    import neugrasp
-    from neugrasp.bench.command import SpeedTest
-    from neugrasp.data.command import Pack
-    from neugrasp.detection.steering import Steering
-    from neugrasp.doctor.command import Doctor
-    from neugrasp.doctor.findings import Verdict
-    from neugrasp.errors import InputError, NeuGraspError
-    from neugrasp.evaluation.commands import Compare, Evaluate, Failures, Results, Story, Validate
-    from neugrasp.exporters.command import Export
-    from neugrasp.figures.command import Figure
-    from neugrasp.importers.command import Import, PrintBoard
-    from neugrasp.report.command import DataSheet
-    from neugrasp.terminal import check_command, printable, speak_plainly
-    from neugrasp.viewer.command import Viewer
-except KeyboardInterrupt:
-    # These take the first second of the program: whoever ends it then has made no mistake.
-    sys.exit(130)
+import neugrasp
+from neugrasp.bench.command import SpeedTest
+from neugrasp.data.command import Pack
+from neugrasp.detection.steering import Steering
+from neugrasp.doctor.command import Doctor
+from neugrasp.doctor.findings import Verdict
+from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.evaluation.commands import Compare, Evaluate, Failures, Results, Story, Validate
+from neugrasp.exporters.command import Export
+from neugrasp.figures.command import Figure
+from neugrasp.importers.command import Import, PrintBoard
+from neugrasp.report.command import DataSheet
+from neugrasp.terminal import check_command, printable, speak_plainly
+from neugrasp.viewer.command import Viewer
 
 if TYPE_CHECKING:
     from neugrasp.detection.detector import Detection
