@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
+import os
 import time
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +18,7 @@ from torch import nn
 
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.geometry.symmetry import Symmetry
-from neugrasp.long_runs import source_commit
+from neugrasp.long_runs import held, source_commit
 from neugrasp.model.checkpoint import load_checkpoint, save_checkpoint
 from neugrasp.model.network import NeuGrasp
 from neugrasp.training.config import TrainConfig
@@ -76,8 +78,15 @@ def configured(run: TrainRun) -> TrainConfig:
 def train(run: TrainRun, stop_after: int | None = None) -> Path:
     """Trains and gives the path of the weights; `stop_after` ends early, as an interruption would.
 
-    Raises `InputError` where data, recipe or an earlier run in `out` do not fit.
+    Raises `InputError` where data, recipe or an earlier run in `out` do not fit, or another run trains there.
     """
+    # Of the processes that torchrun started, the first one writes.
+    leads = os.environ.get("RANK", "0") == "0"
+    with held(run.out, "train") if leads else nullcontext():
+        return _trained(run, stop_after)
+
+
+def _trained(run: TrainRun, stop_after: int | None) -> Path:
     _check_out(run)
     config = configured(run)
     if saved := saved_facts(run.out):
