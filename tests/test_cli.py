@@ -144,7 +144,7 @@ def test_predict_tells_of_a_rotation_tag_as_the_doctor_does(
         picture.save(file, exif=tags)
     cli.main(["predict", str(scene_folder), "--out", str(tmp_path / "out"), "--force"])
     assert "rotation tag" in caplog.text
-    assert "EXIF orientation is not 1 in backgrounds/0.png" in caplog.text
+    assert "EXIF orientation is not 1: backgrounds/0.png is stored turned by 90 degrees" in caplog.text
 
 
 @pytest.fixture

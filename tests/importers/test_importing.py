@@ -349,6 +349,23 @@ def test_an_orientation_tag_is_told_at_import(
     same(read_scene(tmp_path / "scene"), elsewhere)
 
 
+@pytest.mark.parametrize(("factor", "is_told"), [(2, True), (0.5, True), (1.1, False)])
+def test_another_focal_length_is_told_at_import(
+    elsewhere: Views, tmp_path: Path, caplog: pytest.LogCaptureFixture, factor: float, is_told: bool
+):
+    arguments = nerfstudio(tmp_path / "foreign", elsewhere)
+    camera = elsewhere.views[2].camera
+    film = camera.intrinsics[0, 0] * np.hypot(36, 24) / np.hypot(camera.width, camera.height)
+    file = tmp_path / "foreign/images/view_2.png"
+    with Picture.open(file) as picture:
+        tags = picture.getexif()
+        tags[0x8769] = {0xA405: round(factor * film)}
+        picture.save(file, exif=tags)
+    assert cli.main(["import", *arguments, "--out", str(tmp_path / "scene")]) == 0
+    assert ("view_2.png: EXIF focal length" in caplog.text) is is_told
+    same(read_scene(tmp_path / "scene"), elsewhere)
+
+
 @pytest.mark.parametrize(
     ("more", "message"),
     [({"scale": 0.25}, "'scale' is a scale or a motion"), ({"units": "mm"}, "'units' is a unit of length")],

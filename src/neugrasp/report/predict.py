@@ -69,7 +69,8 @@ def predict(run: PredictRun) -> str:
         first = f"{len(detection.grasps)} grasps, the best with score {detection.grasps[0].score:.2f}"
     else:
         first = f"no grasps: {explain(detection)}"
-    return "\n".join([first, *(str(run.out / name) for name in names)])
+    look = "the doctor" if run.is_examined else "the doctor's quick look"
+    return "\n".join([first, f"{look}: {diagnosis.verdict}", *(str(run.out / name) for name in names)])
 
 
 def _check(run: PredictRun, diagnosis: Diagnosis) -> None:
