@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from neugrasp.pictures.score_scale import score_legend
 from neugrasp.viewer.contents import Contents
 from neugrasp.viewer.drawing import describe, grasps_of
 from neugrasp.viewer.settings import AXES, COLOURINGS, HANDS, Settings, most_grasps, scores
@@ -80,6 +81,8 @@ class Panel:
             if most > 1:
                 self._add("most", gui.add_slider("at most", 0, most, 1, min(most, now.most)))
             self._add("hand", gui.add_dropdown("draw", HANDS, initial_value=now.hand))
+            if any(c.outcome is None for moment in self._contents.moments for c in moment.grasps):
+                gui.add_image(score_legend())
             self._said = gui.add_markdown(CLICK)
 
     def _surface(self) -> None:

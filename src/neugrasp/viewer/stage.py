@@ -17,7 +17,7 @@ from neugrasp.geometry.pose import Array, to_quaternion
 from neugrasp.viewer.contents import Candidate
 from neugrasp.viewer.door import free_port, guarded
 from neugrasp.viewer.glb import glb
-from neugrasp.viewer.nodes import AxesNode, LinesNode, MeshNode, Node, PictureNode
+from neugrasp.viewer.nodes import AxesNode, LabelNode, LinesNode, MeshNode, Node, PictureNode
 from neugrasp.viewer.viewpoint import Viewpoint
 
 PATIENCE = 300.0
@@ -134,6 +134,8 @@ class Stage:
                 return self._server.scene.add_line_segments(
                     f"/{node.name}", node.segments, node.colour, thickness=node.thickness
                 )
+            case LabelNode():
+                return self._server.scene.add_label(f"/{node.name}", node.text, position=node.position)
             case AxesNode():
                 return self._server.scene.add_frame(
                     f"/{node.name}",
