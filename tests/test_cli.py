@@ -7,6 +7,7 @@ import resource
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -209,18 +210,16 @@ def test_the_demo_prints_a_table_and_fills_a_folder_per_scene(
     from neugrasp import demo
 
     monkeypatch.setattr(demo, "demo_scenes", lambda: [demo.DemoScene("glasses", scene_folder)])
+    began = time.monotonic()
     assert cli.main(["demo", "--out", str(tmp_path / "out")]) == 0
     printed = capsys.readouterr().out.splitlines()
     assert printed[0].split() == ["scene", "grasps", "best", "width", "seconds", "pictures"]
-    assert printed[1].split() == [
-        "glasses",
-        "2",
-        "0.95",
-        "40",
-        "mm",
-        "0.1",
-        str(tmp_path / "out" / "glasses"),
-    ]
+    waited = time.monotonic() - began
+    *row, seconds, folder = printed[1].split()
+    assert row == ["glasses", "2", "0.95", "40", "mm"]
+    assert folder == str(tmp_path / "out" / "glasses")
+    # What a person waits: the stages of this detector say that they took a tenth of a second.
+    assert 0.15 < float(seconds) <= waited + 0.05
     written = {file.name for file in (tmp_path / "out" / "glasses").iterdir()}
     assert written == {"grasps.json", "overlay.png", "surface.ply", "tsdf.npz", "surface.png", "slice.png"}
 
@@ -238,7 +237,7 @@ def test_every_command_has_help(command: str, capsys: pytest.CaptureFixture[str]
     with pytest.raises(SystemExit) as ended:
         cli.main([command, "--help"])
     assert ended.value.code == 0
-    assert "--out DIR" in capsys.readouterr().out
+    assert "--out " in capsys.readouterr().out
 
 
 def test_help_comes_without_loading_the_network():

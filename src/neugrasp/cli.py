@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 import sys
+import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, Protocol
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Protocol
 
 import tyro
 
@@ -22,20 +24,28 @@ from neugrasp.evaluation.commands import Compare, Evaluate, Failures, Results, S
 from neugrasp.exporters.command import Export
 from neugrasp.figures.command import Figure
 from neugrasp.importers.command import Import, PrintBoard
+from neugrasp.progress import counted
 from neugrasp.report.command import DataSheet
-from neugrasp.terminal import check_command, printable, speak_plainly
+from neugrasp.simulation.command import Generate
+from neugrasp.terminal import check_command, next_step, printable, speak_plainly
 from neugrasp.viewer.command import Viewer
 
 if TYPE_CHECKING:
     from neugrasp.detection.detector import Detection
 
-ROW = "{:<24} {:>6} {:>6} {:>8} {:>8}  {}"  # Of the demo's table.
+log = logging.getLogger(__name__)
+ROW = "{:<24} {:>6} {:>6} {:>8} {:>8}  {}"
+FOLDERS = """
+Every folder holds overlay.png (the photos with the grasps, 1 the best), surface.png (the surface above the
+true one), slice.png (a cut through the distance grid), grasps.json, surface.ply and tsdf.npz."""
 Folder = Annotated[Path, tyro.conf.arg(metavar="DIR")]
 
 
 @dataclass(frozen=True)
 class Demo:
     """Bundled scenes in, surfaces, grasps and pictures out. Runs on a CPU right after the installation."""
+
+    doing: ClassVar[str] = "surfaces and grasps of four bundled scenes, some seconds each"
 
     out: Folder = Path("outputs/demo")
     """Where NAME/ is written for every scene."""
@@ -44,27 +54,31 @@ class Demo:
     gripper: str = "panda"
     """A name of a bundled gripper, or a file."""
 
-    def run(self) -> None:
+    def run(self) -> Iterator[str]:
+        """A table, row by row as it comes, and what to do next."""
         from neugrasp.demo import demo_scenes, run_demo
         from neugrasp.detection.detector import NeuGraspDetector
 
+        began = time.monotonic()
         detector = NeuGraspDetector.load(self.weights, self.gripper)
-        print(ROW.format("scene", "grasps", "best", "width", "seconds", "pictures"))
-        for scene in demo_scenes():
-            folder = self.out / scene.name
-            detection = run_demo(scene, detector, folder)
-            print(printable(_summary(scene.name, detection, folder)))
-        print(
-            "\nEvery folder holds overlay.png (the photos with the grasps, the best in green), surface.png\n"
-            "(the surface above the true one), slice.png (a cut through the distance grid), grasps.json,\n"
-            "surface.ply and tsdf.npz."
-        )
+        scenes = demo_scenes()
+        yield ROW.format("scene", "grasps", "best", "width", "seconds", "pictures")
+        for scene in counted(scenes, "scenes"):
+            start = time.monotonic()
+            detection = run_demo(scene, detector, self.out / scene.name)
+            yield _row(scene.name, detection, time.monotonic() - start, self.out / scene.name)
+        yield f"{len(scenes)} scenes in {time.monotonic() - began:.0f} s, their pictures included."
+        yield FOLDERS
+        yield next_step("view", self.out / scenes[0].name)
+        yield next_step("doctor", "MY_SCENE", why="a capture of your own: docs/capture.md")
 
 
 @dataclass(frozen=True)
 class Predict:
     """Photos of a scene in; grasps.json, surface.ply, tsdf.npz and overlay.png out. The doctor takes a quick
     look first; on red nothing is predicted."""
+
+    doing: ClassVar[str] = "looking at the photos, then predicting, some seconds"
 
     scene: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SCENE")]
     """A scene folder: scene.json, images/, backgrounds/ (docs/data_format.md)."""
@@ -105,62 +119,10 @@ class Predict:
 
 
 @dataclass(frozen=True)
-class Generate:
-    """Simulated scenes with photos, labelled grasps and ground truth. Goes on where it stopped."""
-
-    out: Folder
-    """Where the scenes are written."""
-    scene: Literal["packed", "pile", "single"] = "packed"
-    """How the objects lie."""
-    num: int = 100
-    """Number of scenes in the folder when done."""
-    objects: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """A folder of URDF objects, instead of the built-in ones."""
-    materials: Literal["mixed", "diffuse", "specular", "transparent", "transparent-specular"] = "mixed"
-    """What the objects are made of."""
-    photos: bool = True
-    """Without photos scenes come several times faster and serve the grasp head alone."""
-    targets: int = 2
-    """Photos from the hemisphere for each scene, besides the inputs: what losses compare with."""
-    samples: int = 4
-    """Of a photo's pixel, a power of two: twice as many take twice the time, a fifth less noise remains."""
-    views: str = "training"
-    """Where the cameras stand: training, paper, released, ring6 or hemisphere6."""
-    split: Literal["train", "test"] = "train"
-    """Objects, panoramas and textures of the two never mix."""
-    gripper: str = "panda"
-    """The gripper that tries the grasps: a name of a bundled one, or a file."""
-    seed: int = 0
-    """The same seed gives the same scenes, whatever the number of workers."""
-    workers: int | None = None
-    """Processes that share the work; by default one per core."""
-
-    def run(self) -> None:
-        from neugrasp.simulation.generate import GenerateConfig, generate
-
-        folders = generate(
-            GenerateConfig(
-                out=self.out,
-                scene=self.scene,
-                num=self.num,
-                objects=self.objects,
-                materials=self.materials,
-                photos=self.photos,
-                targets=self.targets,
-                samples=self.samples,
-                views=self.views,
-                split=self.split,
-                gripper=self.gripper,
-                seed=self.seed,
-                workers=self.workers,
-            )
-        )
-        print(printable(f"{len(folders)} scenes in {self.out}"))
-
-
-@dataclass(frozen=True)
 class Train:
     """Trains the network on generated scenes. Goes on with --resume exactly where it stopped."""
+
+    doing: ClassVar[str] = "reading the data, then training"
 
     data: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="DIR [DIR ...]")]
     """Folders made by `neugrasp generate`, or of shards packed from them."""
@@ -186,14 +148,14 @@ class Train:
     loaders: int = 1
     """Processes that prepare scenes while a step runs; 0: none, so that each step waits for its own."""
 
-    def run(self) -> Path:
+    def run(self) -> str:
         import torch
 
         from neugrasp.training.trainer import TrainRun, train
 
         if self.device == "cuda" and not torch.cuda.is_available():
             raise InputError("--device cuda: PyTorch sees no CUDA device here; use --device cpu")
-        return train(
+        weights = train(
             TrainRun(
                 recipe=self.recipe,
                 data=self.data,
@@ -208,10 +170,14 @@ class Train:
                 loaders=self.loaders,
             )
         )
+        return f"{weights}\n{next_step('predict', 'MY_SCENE', '--weights', weights, '--out', 'out')}"
 
 
 class Command(Protocol):
-    """Options as fields, and what is done with them; what it returns is printed."""
+    """Options as fields, and what is done with them; what it returns is printed, or what it yields."""
+
+    doing: ClassVar[str]
+    """What is said at once: what now happens, and how long it may take."""
 
     def run(self) -> object: ...
 
@@ -250,9 +216,9 @@ evaluate are for data, weights and figures of your own."""
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command: 0, or 1 on the doctor's red, 2 on a mistake of the user, 130 when interrupted, 70 on
     a mistake of ours."""
-    speak_plainly()
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
+        voice = speak_plainly()
         if words[:1] == ["--version"]:
             print(f"neugrasp {neugrasp.__version__}")
             return 0
@@ -260,9 +226,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         command = tyro.extras.subcommand_cli_from_dict(
             COMMANDS, prog="neugrasp", description=DESCRIPTION, args=words or ["--help"]
         )
+        log.info("neugrasp %s: %s", words[0], command.doing)
         report = command.run()
-        if report is not None:
-            print(printable(report))
+        for part in report if isinstance(report, Iterator) else [report]:
+            voice.clear()
+            if part is not None:
+                print(printable(part), flush=True)
         return report.exit_code if isinstance(report, Verdict) else 0
     except KeyboardInterrupt:
         print("neugrasp: interrupted", file=sys.stderr)
@@ -284,12 +253,12 @@ def _failed(reason: str) -> int:
     return 2
 
 
-def _summary(name: str, detection: Detection, folder: Path) -> str:
-    """A row of the demo's table."""
+def _row(name: str, detection: Detection, seconds: float, folder: Path) -> str:
+    """Of the table; the seconds are those that a person waits."""
     from neugrasp.detection.explanation import explain
 
-    grasps, seconds = detection.grasps, f"{sum(detection.timing_s.values()):.1f}"
+    grasps, waited = detection.grasps, f"{seconds:.1f}"
     if not grasps:
-        return ROW.format(name, 0, "-", "-", seconds, folder) + "\n  " + explain(detection)
+        return ROW.format(name, 0, "-", "-", waited, folder) + "\n  " + explain(detection)
     best = f"{grasps[0].score:.2f}", f"{grasps[0].width * 1000:.0f} mm"
-    return ROW.format(name, len(grasps), *best, seconds, folder)
+    return ROW.format(name, len(grasps), *best, waited, folder)

@@ -161,7 +161,8 @@ def test_the_command_writes_a_corrected_copy_that_is_green(
     write_scene(bad, case.spoil(clinic.good))
     written = (bad / "scene.json").read_text()
     assert cli.main(["doctor", str(bad), "--fix", str(fixed)]) == 1
-    assert capsys.readouterr().out.endswith(f"{bad}: red\n{fixed}: green\n")
+    then = f"next: neugrasp predict {fixed} --out outputs/fixed\n"
+    assert capsys.readouterr().out.endswith(f"{bad}: red\n{fixed}: green\n{then}")
     assert_same(read_scene(fixed), clinic.good)
     assert (bad / "scene.json").read_text() == written
 

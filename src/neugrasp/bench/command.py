@@ -5,15 +5,18 @@ from __future__ import annotations
 import shlex
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 from neugrasp.errors import InputError
 from neugrasp.output import check_file
+from neugrasp.terminal import next_step
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedTest:
     """Speed of every stage on this machine: of detecting and of training, beside the floor."""
+
+    doing: ClassVar[str] = "measuring, some minutes"
 
     json: Path | None = None
     """A file for all figures."""
@@ -58,6 +61,12 @@ class SpeedTest:
         if self.json is not None:
             write_json(self.json, found)
             lines.append(f"\n{self.json}")
+        if self.json is None:
+            lines.append(
+                f"\n{next_step(*self.command().split()[1:], '--json', 'speed.json')} keeps the figures"
+            )
+        else:
+            lines.append("next: docs/bench.md says what the columns mean")
         return "\n".join(lines)
 
     def _check(self) -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 from neugrasp.doctor.findings import Verdict
 from neugrasp.errors import InputError
 from neugrasp.output import whole_file
+from neugrasp.terminal import next_step
 
 
 @dataclass(frozen=True)
@@ -17,6 +19,8 @@ class Doctor:
     One line for each item with the measured value and what to do: green, yellow (worse grasps), red (grasps
     fail) or grey (could not be measured). Ends with 1 on red.
     """
+
+    doing: ClassVar[str] = "looking at the photos, some seconds"
 
     scene: Path
     """A scene folder: scene.json, images/, backgrounds/."""
@@ -43,8 +47,16 @@ class Doctor:
         lines = [*diagnosis.lines(), f"\n{self.scene}: {diagnosis.verdict}"]
         if self.report is not None:
             lines.append(str(self.report))
+        good = self.scene if diagnosis.level != Level.RED else None
         if self.fix is not None:
             write_fixed(diagnosis, self.scene, self.fix)
             again = examine_folder(self.fix)
             lines += [f"{self.fix}: {again.verdict}", *again.lines(Level.YELLOW)]
+            good = self.fix if again.level != Level.RED else good
+        if good is not None:
+            lines.append(next_step("predict", good, "--out", f"outputs/{good.resolve().name}"))
+        elif diagnosis.is_mended and self.fix is None:
+            lines.append(next_step("doctor", self.scene, "--fix", f"{self.scene.resolve().name}_fixed"))
+        else:
+            lines.append(next_step("doctor", self.scene, why="when what is red is mended"))
         return Verdict("\n".join(lines), 1 if diagnosis.level == Level.RED else 0)

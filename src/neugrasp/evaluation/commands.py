@@ -5,13 +5,17 @@ from __future__ import annotations
 import shlex
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
+
+from neugrasp.terminal import next_step
 
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluate:
     """Clears tables in simulation and counts: SR, FSR, DR and L1, with intervals. Goes on where it
     stopped."""
+
+    doing: ClassVar[str] = "clearing tables, a minute or so each"
 
     out: Path
     """Where metrics.json, attempts.jsonl and rounds/ are written."""
@@ -82,12 +86,17 @@ class Evaluate:
         from neugrasp.evaluation.run import evaluate
         from neugrasp.evaluation.tables import metrics_table
 
-        return metrics_table(evaluate(self)) + f"\n\n{self.out / 'metrics.json'}"
+        table = metrics_table(evaluate(self))
+        objects = [] if self.objects is None else ["--objects", self.objects]
+        then = (next_step("failures", self.out, *objects), next_step("story", self.out, 0, *objects))
+        return "\n".join([table, "", str(self.out / "metrics.json"), *then])
 
 
 @dataclass(frozen=True)
 class Compare:
     """Two evaluations of the same rounds, paired: difference, interval and p."""
+
+    doing: ClassVar[str] = "comparing"
 
     a: Path
     """What `neugrasp evaluate` wrote."""
@@ -99,12 +108,14 @@ class Compare:
         from neugrasp.evaluation.compare import compare
         from neugrasp.evaluation.tables import comparison_table
 
-        return comparison_table(compare(self.a, self.b))
+        return f"{comparison_table(compare(self.a, self.b))}\n{next_step('failures', self.b)}"
 
 
 @dataclass(frozen=True)
 class Failures:
     """At which objects and materials the grasps of an evaluation failed, and why."""
+
+    doing: ClassVar[str] = "looking at what failed"
 
     evaluation: Path
     """What `neugrasp evaluate` wrote."""
@@ -115,12 +126,16 @@ class Failures:
         """The table. An object is the grasp's whose collision shape is nearest to the TCP."""
         from neugrasp.evaluation.failures import aimed_grasps, failures_table
 
-        return failures_table(aimed_grasps(self.evaluation, self.objects))
+        objects = [] if self.objects is None else ["--objects", self.objects]
+        table = failures_table(aimed_grasps(self.evaluation, self.objects))
+        return f"{table}\n{next_step('story', self.evaluation, 0, *objects)}"
 
 
 @dataclass(frozen=True)
 class Story:
     """A round of an evaluation as one HTML file: what was seen, what was tried, what came of it."""
+
+    doing: ClassVar[str] = "playing the round again"
 
     evaluation: Path
     """What `neugrasp evaluate` wrote."""
@@ -137,12 +152,16 @@ class Story:
         """The file's name."""
         from neugrasp.evaluation.story import write_story
 
-        return str(write_story(self))
+        objects = [] if self.objects is None else ["--objects", self.objects]
+        then = next_step("view", self.evaluation, "--round", self.round, *objects)
+        return f"{write_story(self)}\n{then}"
 
 
 @dataclass(frozen=True)
 class Results:
     """The page of results from the metrics.json files of many evaluations."""
+
+    doing: ClassVar[str] = "writing the page"
 
     folder: Path = Path("docs/results")
     """Where NAME.json, or NAME/metrics.json, lie."""
@@ -153,7 +172,8 @@ class Results:
         """The page's name."""
         from neugrasp.evaluation.results import write_results
 
-        return str(write_results(self.folder, self.out))
+        page = write_results(self.folder, self.out)
+        return f"{page}\nnext: docs/benchmark.md says what the columns mean and how a row is made again"
 
 
 @dataclass(frozen=True)
@@ -163,6 +183,8 @@ class Validate:
     One attempt from each untouched scene, beside the same grasp head on the true surface and random antipodal
     grasps on it. Goes on where it stopped.
     """
+
+    doing: ClassVar[str] = "reading the scenes"
 
     data: tuple[Path, ...]
     """Folders made by `neugrasp generate`, or of shards packed from them."""
@@ -187,4 +209,6 @@ class Validate:
         from neugrasp.evaluation.held_out import run_held_out
         from neugrasp.evaluation.held_out_table import held_out_table
 
-        return f"{held_out_table(run_held_out(self))}\n\n{self.out / 'held_out.json'}"
+        table = held_out_table(run_held_out(self))
+        then = next_step("evaluate", "--weights", self.weights, "--out", f"{self.out}_rounds")
+        return f"{table}\n\n{self.out / 'held_out.json'}\n{then}"

@@ -13,6 +13,7 @@ from neugrasp.errors import InputError
 from neugrasp.evaluation.episode import Attempt
 from neugrasp.evaluation.folder import library_of, played, scene_of
 from neugrasp.geometry.workspace import Workspace
+from neugrasp.progress import counted
 from neugrasp.robot.pick import REASONS, SUCCESS
 from neugrasp.simulation.physics import World
 
@@ -35,7 +36,7 @@ def aimed_grasps(evaluation: Path, objects: Path | None = None) -> list[Aimed]:
     """
     with World(Workspace(), library_of(evaluation, objects)) as world:
         attempts = [attempt for episode in played(evaluation) for attempt in episode.attempts]
-        return [_aimed(world, attempt, evaluation) for attempt in attempts]
+        return [_aimed(world, attempt, evaluation) for attempt in counted(attempts, "attempts")]
 
 
 def _aimed(world: World, attempt: Attempt, evaluation: Path) -> Aimed:

@@ -36,6 +36,7 @@ from neugrasp.long_runs import CONTENTS, begun_as, held
 from neugrasp.metrics import CONSTANTS, l1_by_mask, wilson_interval
 from neugrasp.model.checkpoint import find_weights
 from neugrasp.output import naming, write_text
+from neugrasp.progress import counted
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.trials import execute
@@ -136,7 +137,7 @@ def _try_missing(
     finished = _finished(path)
     missing = [record for record in records if record.name not in finished]
     with World(Workspace(), library, detector.gripper) as world, path.open("a") as file:
-        for index, record in enumerate(missing):
+        for index, record in enumerate(counted(missing, "records")):
             rng = np.random.default_rng([run.seed, zlib.crc32(record.name.encode())])
             lines = [json.dumps(asdict(attempt)) for attempt in attempts_of(record, detector, world, rng)]
             with naming(path):
@@ -155,6 +156,11 @@ def _read_all(folders: tuple[Path, ...]) -> list[Record]:
         raise InputError(f"record {doubled[0]!r} is in two of the folders; names must differ")
     if not records:
         raise InputError("no records to validate on")
+    if blind := [record.name for record in records if not record.has_photos]:
+        raise InputError(
+            f"{len(blind)} of {len(records)} scenes have no photos, {blind[0]} among them; a detector needs "
+            "some: `neugrasp generate` without --no-photos"
+        )
     return records
 
 

@@ -27,6 +27,7 @@ from neugrasp.geometry.view_sets import VIEW_SETS
 from neugrasp.gripper import Gripper, gripper_hash
 from neugrasp.long_runs import CONTENTS, begun_as, held, source_commit
 from neugrasp.metrics import wilson_interval
+from neugrasp.progress import reached
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.renderer import Renderer, RenderSettings
 
@@ -47,6 +48,7 @@ def evaluate(config: Evaluate, make_photographer: MakePhotographer | None = None
         kept = {episode.index for episode in found if episode.ending != CRASHED}
         missing = [index for index in range(wanted) if index not in kept]
         progress = _Progress(wanted, [e for e in found if e.index in kept])
+        reached("rounds", len(kept), wanted)
         with closing(play_all(config, missing, make_photographer or _photographer_for(config))) as played:
             for episode in played:
                 write_episode(_file(config.out, episode.index), episode)
@@ -125,6 +127,7 @@ class _Progress:
         successes = sum(attempt.success for attempt in attempts)
         low, high = (100 * edge for edge in wilson_interval(successes, len(attempts)))
         rate = self.played / (time.monotonic() - self.start)
+        reached("rounds", len(self.episodes), self.total)
         log.info(
             "%d of %d rounds, SR %.1f %% (%.1f to %.1f), %.0f rounds an hour, %.0f min left",
             len(self.episodes),

@@ -26,6 +26,7 @@ from neugrasp.gripper import Gripper
 from neugrasp.output import whole_file
 from neugrasp.pictures.overlay import draw_grasps, photo_of_workspace
 from neugrasp.pictures.score_scale import colour_of_outcome
+from neugrasp.progress import counted
 from neugrasp.robot.pick import SUCCESS
 from neugrasp.simulation.cell_photos import Photographer, backgrounds
 from neugrasp.simulation.objects import ObjectLibrary
@@ -64,7 +65,7 @@ def write_story(story: Story, photographer: Photographer | None = None) -> Path:
         stage = _Stage(facts, library, photographer if wants_photos else None)
         closing.enter_context(stage.world)
         fixed = stage.fixed(episode.index)
-        pictures = [stage.pictures(fixed, a.before, a) for a in episode.attempts]
+        pictures = [stage.pictures(fixed, a.before, a) for a in counted(episode.attempts, "attempts")]
         left = stage.pictures(fixed, episode.left, None)
         part.write_text("\n".join(_page(facts, episode, pictures, left)), encoding="utf-8")
     return out

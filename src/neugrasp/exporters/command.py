@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 from neugrasp.errors import InputError
 
@@ -12,6 +12,8 @@ from neugrasp.errors import InputError
 @dataclass(frozen=True)
 class Export:
     """Grasps in the convention of another program (drawn in docs/conventions.md), in the world's frame."""
+
+    doing: ClassVar[str] = "writing the grasps"
 
     grasps: Path
     """A grasps.json of `neugrasp predict`, or the folder that holds it."""
@@ -42,4 +44,4 @@ class Export:
         grasps = self.grasps / FILES[0] if self.grasps.is_dir() else self.grasps
         out = self.out or grasps.with_name(f"{grasps.stem}_{self.format}{SUFFIXES[self.format][0]}")
         count = export_file(grasps, out, self.format, self.gripper, stamp)
-        return f"{count} grasps in {out}"
+        return f"{count} grasps in {out}\nnext: docs/conventions.md, Grasps elsewhere, says how to read them"

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from neugrasp.errors import InputError
 from neugrasp.output import photos_in, whole_file
+from neugrasp.terminal import next_step
 
 if TYPE_CHECKING:
     from neugrasp.views import Image
@@ -23,6 +24,8 @@ class Figure:
     priors: surface and grasps with and without photos of the empty table (Fig. 5).
     trajectory: from where the photos are taken, and the way of the hand to the best grasp and back.
     """
+
+    doing: ClassVar[str] = "drawing, up to a minute"
 
     which: Literal["features", "priors", "trajectory"]
     """The figure to draw."""
@@ -43,7 +46,7 @@ class Figure:
     """For features: chooses the pixels that are embedded."""
 
     def run(self) -> str:
-        """The name of the picture."""
+        """The name of the picture, and what to do next."""
         from neugrasp.export import write_picture
 
         if self.without is not None and self.which != "priors":
@@ -53,7 +56,9 @@ class Figure:
             raise InputError(f"--out {out}: figures are PNG files; give a name that ends with .png")
         with whole_file(out, inputs=photos_in(Path(self.scene))) as part:
             write_picture(part, self._draw())
-        return str(out)
+        others = {"features": "priors", "priors": "trajectory", "trajectory": "features"}
+        scene = [] if self.scene == DEFAULT_SCENE else ["--scene", self.scene]
+        return f"{out}\n{next_step('figure', others[self.which], *scene)}"
 
     def _draw(self) -> Image:
         import numpy as np

@@ -19,6 +19,7 @@ from neugrasp.importers.photo_folder import PhotoFolder
 from neugrasp.importers.photos import Pair
 from neugrasp.importers.robot_poses import camera_of
 from neugrasp.importers.shots import Shot
+from neugrasp.progress import counted
 
 STILL = 1.0
 """Pixels by which the board's corners may move between image and background of a camera that stood still."""
@@ -29,7 +30,7 @@ logger = logging.getLogger(__name__)
 def board_shots(folder: Path, pairs: Mapping[str, Pair], board: Board) -> list[Shot]:
     """The camera of every pair in the board's frame. Raises `InputError` where a photo shows no board."""
     lens = _lens(folder, pairs, board)
-    return [_shot(name, pair, lens, board) for name, pair in pairs.items()]
+    return [_shot(name, pair, lens, board) for name, pair in counted(pairs.items(), "photos")]
 
 
 def strangers(board: Board, pairs: Mapping[str, Pair]) -> str:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
+
+from neugrasp.terminal import next_step
 
 
 @dataclass(frozen=True)
 class Import:
     """Photos and cameras of other programs in, a scene folder out: whole, or nothing (docs/capture.md)."""
+
+    doing: ClassVar[str] = "reading photos and cameras"
 
     format: Literal["nerfstudio", "colmap", "robot", "board"]
     """nerfstudio: transforms.json, also of instant-ngp. colmap: a model, text or binary. robot: robot.json
@@ -45,12 +49,14 @@ class Import:
                 alignment=self.alignment,
             )
         )
-        return f"{len(views)} views in {self.out}; check them with: neugrasp doctor {self.out}"
+        return f"{len(views)} views in {self.out}\n{next_step('doctor', self.out)}"
 
 
 @dataclass(frozen=True)
 class PrintBoard:
     """The board to print and lay on the table, as PDF or PNG, in its true size."""
+
+    doing: ClassVar[str] = "drawing the board"
 
     out: Path = Path("board.pdf")
     """The file to write, .pdf or .png."""
@@ -65,4 +71,8 @@ class PrintBoard:
         from neugrasp.importers.sheet import write_sheet
 
         write_sheet(self.out, read_board(self.board), self.paper)
-        return f"{self.out}: print at 100 % (not: fit to page), then measure the line of 100 mm"
+        board = [] if self.board == "default" else ["--board", self.board]
+        return (
+            f"{self.out}: print at 100 % (not: fit to page), then measure the line of 100 mm and take photos "
+            f"of the table with it\n{next_step('import', 'board', 'PHOTOS', *board, '--out', 'my_scene')}"
+        )

@@ -17,7 +17,8 @@ from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.export import write_picture
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.pictures import Tile, contact_sheet
-from neugrasp.training.dataset import read_records
+from neugrasp.progress import counted
+from neugrasp.training.dataset import open_records
 from neugrasp.views import Image
 
 TEXT, SCENES, BALANCE = "data_sheet.md", "scenes.jpg", "balance.png"
@@ -90,7 +91,9 @@ def write_data_sheet(folders: Sequence[Path], out: Path) -> Path:
         for folder in folders:
             mine = counts.setdefault(_name(folder, counts), Counts())
             shown = 0
-            for record in read_records(folder):
+            records = open_records(folder)
+            for index in counted(range(len(records)), "scenes"):
+                record = records.read(index, trials=False)
                 mine.add(record)
                 if record.has_photos and shown < NUM_SCENES:
                     tiles += _pictures(record)

@@ -15,9 +15,13 @@ from neugrasp.doctor.examination import Diagnosis, examine_read
 from neugrasp.doctor.findings import Level
 from neugrasp.errors import InputError
 from neugrasp.export import FILES, write_prediction
+from neugrasp.progress import reached
 from neugrasp.report.prediction import prediction_report
+from neugrasp.terminal import next_step
 
 logger = logging.getLogger(__name__)
+STEPS = 5
+"""Reading, examining, loading the weights, detecting, writing."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,29 +52,39 @@ class PredictRun:
 
 
 def predict(run: PredictRun) -> str:
-    """How many grasps, or why none, and the names of the files written.
+    """How many grasps, or why none, the doctor's word, the files written, and what to do next.
 
     Raises `InputError` where the doctor finds the capture unusable, with what to do.
     """
     with whole_or_nothing(run.out, FILES) as part:
+        reached("steps", 0, STEPS)
         views = read_scene(run.scene)
+        reached("steps", 1, STEPS)
         diagnosis = examine_read(views, run.is_examined)
         _check(run, diagnosis)
+        reached("steps", 2, STEPS)
         detector = NeuGraspDetector.load(
             run.weights, run.gripper, threshold=run.threshold, hand_check=run.hand_check
         )
+        reached("steps", 3, STEPS)
         detection = run.steering.applied(detector.detect(views), views.workspace)
+        reached("steps", 4, STEPS)
         write_prediction(part, views, detection, detector.gripper)
         if run.with_report:
             document = prediction_report(run.scene.name, views, detection, detector.gripper, diagnosis)
             (part / "report.html").write_text(document, encoding="utf-8")
         names = [name for name in FILES if (part / name).is_file()]
+        reached("steps", STEPS, STEPS)
     if detection.grasps:
         first = f"{len(detection.grasps)} grasps, the best with score {detection.grasps[0].score:.2f}"
     else:
         first = f"no grasps: {explain(detection)}"
     look = "the doctor" if run.is_examined else "the doctor's quick look"
-    return "\n".join([first, f"{look}: {diagnosis.verdict}", *(str(run.out / name) for name in names)])
+    files = [str(run.out / name) for name in names]
+    then = [next_step("view", run.out)]
+    if detection.grasps:
+        then.append(next_step("export", run.out))
+    return "\n".join([first, f"{look}: {diagnosis.verdict}", *files, *then])
 
 
 def _check(run: PredictRun, diagnosis: Diagnosis) -> None:

@@ -25,6 +25,7 @@ from neugrasp.geometry.view_sets import VIEW_SETS
 from neugrasp.gripper import Gripper, gripper_hash
 from neugrasp.long_runs import CONTENTS, begun_as, end_with, held, lock, unlock
 from neugrasp.output import write_text
+from neugrasp.progress import reached
 from neugrasp.simulation.cell_photos import Photographer
 from neugrasp.simulation.objects import KINDS, SPLITS, ObjectLibrary
 from neugrasp.simulation.renderer import Renderer, RenderSettings
@@ -53,6 +54,7 @@ def generate(config: GenerateConfig, make_photographer: MakePhotographer | None 
         missing = [index for index, folder in enumerate(folders) if not folder.is_dir()]
         progress = _Progress(total=config.num, done=config.num - len(missing))
         if missing:
+            reached("scenes", progress.done, progress.total)
             photographer = make_photographer or _renderer_of(config)
             _make_all(config, missing, photographer if config.photos else _nobody, progress)
             progress.write(config.out / "timing.json")
@@ -147,6 +149,7 @@ class _Progress:
             self.seconds[stage] += spent
         rate = self.made / (time.monotonic() - self.start)
         left = (self.total - self.done) / rate / 60
+        reached("scenes", self.done, self.total)
         logger.info("%d of %d scenes, %.0f an hour, %.0f min left", self.done, self.total, rate * 3600, left)
 
     def write(self, path: Path) -> None:

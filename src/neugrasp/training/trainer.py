@@ -21,6 +21,7 @@ from neugrasp.geometry.symmetry import Symmetry
 from neugrasp.long_runs import held, source_commit
 from neugrasp.model.checkpoint import load_checkpoint, save_checkpoint
 from neugrasp.model.network import NeuGrasp
+from neugrasp.progress import reached
 from neugrasp.training.config import TrainConfig
 from neugrasp.training.dataset import Batch, Records, Scenes, Steps, identity_of, loader, open_records
 from neugrasp.training.distributed import Ranks, joined_ranks
@@ -136,6 +137,7 @@ def _train(this: _Run, scenes: Scenes, start: int, last: int) -> None:
             losses = _step(module, learner, batch.to(ranks.device), config, step)
             if records is None:
                 continue
+            reached("steps", step + 1, config.steps)
             records.step(step, losses, config.learning_rate_at(step))
             done = step + 1
             if this.held_out and (done % config.validate_every == 0 or done == config.steps):

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
+
+from neugrasp.terminal import next_step
 
 
 @dataclass(frozen=True)
@@ -13,6 +15,8 @@ class Viewer:
 
     Needs the extra `view`: pip install 'neugrasp[view]'.
     """
+
+    doing: ClassVar[str] = "reading what is to be seen"
 
     path: Path
     """A scene folder, what `neugrasp predict` or `demo` wrote, or what `neugrasp evaluate` wrote."""
@@ -65,6 +69,6 @@ class Viewer:
         ).suited_to(contents)
         if self.screenshot is not None:
             take_picture(self, contents, settings)
-            return str(self.screenshot)
+            return f"{self.screenshot}\n{next_step('view', self.path, why='to turn it in the browser')}"
         serve(self, contents, settings)
         return None
