@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -60,17 +60,21 @@ def write_grasps(
     ordered = sorted(grasps, key=lambda grasp: -grasp.score)
     entries = [
         {
-            "position": [float(x) for x in grasp.position],
-            "quaternion_xyzw": [float(x) for x in to_quaternion(grasp.pose)],
+            "position": grasp.position.tolist(),
+            "quaternion_xyzw": to_quaternion(grasp.pose).tolist(),
             "width": float(grasp.width),
             "score": float(grasp.score),
+            "pregrasp_position": grasp.pregrasp[:3, 3].tolist(),
+            "retreat_position": grasp.retreat[:3, 3].tolist(),
         }
         for grasp in ordered
     ]
+    up = ordered[0].up if ordered else None
     content = {
         "format": FORMAT,
         "version": VERSION,
         "frame": "world",
+        **({} if up is None else {"up": list(up)}),
         **{key: value for key, value in (origin or {}).items() if value},
         "grasps": entries,
         "rejected": {reason: int(count) for reason, count in (rejected or {}).items()},
@@ -89,6 +93,8 @@ class GraspList:
     """The folder of the photos."""
     gripper: str | None
     """The name of the gripper that they were found for."""
+    knows_up: bool = True
+    """Whether it says which way is up; where it does not, the grasps take z."""
 
 
 def read_grasp_list(file: Path) -> GraspList:
@@ -98,7 +104,9 @@ def read_grasp_list(file: Path) -> GraspList:
     if "frame" in fields.data:
         fields.text("frame", ("world",))
     scene, gripper = (fields.text(key) if key in fields.data else None for key in ("scene", "gripper"))
-    return GraspList(tuple(map(_grasp, fields.each("grasps"))), scene, gripper)
+    x, y, z = fields.unit("up", 3).tolist() if "up" in fields.data else (0.0, 0.0, 1.0)
+    grasps = tuple(replace(_grasp(entry), up=(x, y, z)) for entry in fields.each("grasps"))
+    return GraspList(grasps, scene, gripper, knows_up="up" in fields.data)
 
 
 def read_grasps(file: Path) -> list[Grasp]:

@@ -56,6 +56,16 @@ def robot_csv(folder: Path, views: Views) -> list[str]:
     return ["robot", str(source), "--alignment", str(Similarity().write(folder / "alignment.json", views))]
 
 
+def ur(folder: Path, views: Views) -> list[str]:
+    source = write_robot(folder, views, is_ur=True)
+    return ["robot", str(source), "--alignment", str(Similarity().write(folder / "alignment.json", views))]
+
+
+def ur_csv(folder: Path, views: Views) -> list[str]:
+    source = write_robot(folder, views, is_ur=True, is_csv=True)
+    return ["robot", str(source), "--alignment", str(Similarity().write(folder / "alignment.json", views))]
+
+
 @pytest.fixture
 def elsewhere(small_views: Views) -> Views:
     """Four views of one lens in a world whose cube is turned and far from the origin."""
@@ -80,7 +90,7 @@ def same(one: Views, other: Views) -> None:
         assert mine.camera.sensed == yours.camera.sensed
 
 
-@pytest.mark.parametrize("write", [nerfstudio, colmap_text, colmap_binary, robot, robot_csv])
+@pytest.mark.parametrize("write", [nerfstudio, colmap_text, colmap_binary, robot, robot_csv, ur, ur_csv])
 def test_a_scene_comes_back_from_every_format(
     write: Write, elsewhere: Views, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):

@@ -9,18 +9,19 @@ from typing import Literal
 
 from neugrasp.errors import InputError
 from neugrasp.export import read_grasp_list
-from neugrasp.exporters import graspnet, ros, vgn
+from neugrasp.exporters import graspnet, ros, ur, vgn
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper, bundled
 from neugrasp.output import whole_file
 
 log = logging.getLogger(__name__)
 
-Format = Literal["graspnet", "vgn", "ros"]
+Format = Literal["graspnet", "vgn", "ros", "ur"]
 SUFFIXES: dict[Format, tuple[str, ...]] = {
     "graspnet": (".npy",),
     "vgn": (".csv",),
     "ros": (".json", ".yaml", ".yml"),
+    "ur": (".json",),
 }
 
 
@@ -33,6 +34,12 @@ def export_file(grasps: Path, out: Path, name: Format, gripper: str | None, stam
         raise InputError(f"{out}: {name} grasps are written as {' or '.join(SUFFIXES[name])}")
     found = read_grasp_list(grasps)
     hand = _hand(grasps, found.gripper, gripper)
+    if name in ("ros", "ur") and not found.knows_up:
+        log.warning(
+            "%s: does not say which way is up, as an older prediction: z is taken; after grasps from the "
+            "side the hand retreats along it",
+            grasps,
+        )
     with whole_file(out, inputs=[grasps, *([] if gripper is None else [Path(gripper)])]) as part:
         export_grasps(part, found.grasps, name, hand, stamp)
     return len(found.grasps)
@@ -63,10 +70,15 @@ def _hand(grasps: Path, found_for: str | None, given: str | None) -> Gripper:
 def export_grasps(
     file: Path, grasps: Sequence[Grasp], name: Format, gripper: Gripper, stamp: ros.Stamp
 ) -> None:
-    """Writes grasps in the format of a name; `stamp` is for ROS alone."""
+    """Writes grasps in the format of a name; `stamp` is for ROS, its link for UR, too. Raises `InputError`
+    where there is no such link."""
     if name == "graspnet":
         graspnet.write(file, grasps, gripper)
     elif name == "vgn":
         vgn.write(file, grasps, gripper)
+    elif name == "ur":
+        if stamp.link == "panda_link8":
+            raise InputError("--link panda_link8: is of the Panda; for --format ur give tcp or hand")
+        ur.write(file, grasps, gripper, stamp.link)
     else:
         ros.write(file, grasps, gripper, stamp)
