@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from neugrasp.detection.detector import Detection
 from neugrasp.detection.steering import Steering
+from neugrasp.detection.things import things_in
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import rigid, rotation_about
 from neugrasp.geometry.workspace import Workspace
@@ -43,6 +46,45 @@ def test_what_is_not_wanted_is_counted(steering: Steering, kept: tuple[Grasp, ..
     found = steering.applied(detection(HIGH, LOW, TILTED), WORKSPACE)
     assert found.grasps == kept
     assert found.rejected == {"too_narrow": 2, reason: 3 - len(kept)}
+
+
+def two_things(gap: float = 0.05) -> np.ndarray:
+    """Boxes about (0.1, 0.15) and (0.2, 0.15), 6 cm high, with `gap` metres of nothing between them."""
+    x, y, z = np.moveaxis(WORKSPACE.voxel_centres(), -1, 0)
+    half = (0.1 - gap) / 2
+    boxes = [np.maximum.reduce([abs(x - at) - half, abs(y - 0.15) - half, z - 0.11]) for at in (0.1, 0.2)]
+    return (np.minimum.reduce([*boxes, z - 0.05]) / WORKSPACE.truncation).clip(-1, 1).astype(np.float32)
+
+
+def test_one_object_at_a_time_is_that_of_the_best_grasp_left():
+    """What touches is one object; a grasp belongs to the nearest."""
+    here, there = grasp(0.1, 0.15, 0.06, score=0.95), grasp(0.2, 0.15, 0.06, score=0.9)
+    also = grasp(0.11, 0.13, 0.03, score=0.86)
+    given = replace(detection(here, there, also), tsdf=two_things())
+    found = Steering(one_object=True).applied(given, WORKSPACE)
+    assert found.grasps == (here, also)
+    assert found.rejected == {"too_narrow": 2, "on_another_object": 1}
+    assert Steering(one_object=True, top=1).applied(given, WORKSPACE).grasps == (here,)
+    x, y, z = there.position
+    box = (x - 0.02, y - 0.02, z - 0.02, x + 0.02, y + 0.02, z + 0.02)
+    assert Steering(one_object=True, region=box).applied(given, WORKSPACE).grasps == (there,)
+    touching = replace(given, tsdf=two_things(gap=-0.01))
+    assert Steering(one_object=True).applied(touching, WORKSPACE).grasps == (here, there, also)
+    nothing = replace(given, tsdf=np.ones_like(given.tsdf))
+    assert Steering(one_object=True).applied(nothing, WORKSPACE).grasps == (here, there, also)
+
+
+def test_the_region_of_a_thing_holds_it_and_no_other():
+    things = things_in(two_things(), WORKSPACE)
+    assert len(things) == 2
+    for thing, at in zip(things, (0.1, 0.2) if things[0].voxels[0, 0] < 0.15 else (0.2, 0.1), strict=True):
+        inside, outside = grasp(at, 0.15, 0.05), grasp(0.3 - at, 0.15, 0.05)
+        found = Steering(region=thing.region(WORKSPACE)).applied(detection(inside, outside), WORKSPACE)
+        assert found.grasps == (inside,)
+        assert thing.voxels[:, 2].min() > 0.05
+    specks = two_things()
+    specks[30:31, 5, 20] = -1
+    assert len(things_in(specks, WORKSPACE)) == 2
 
 
 def test_a_region_is_a_box_of_the_world():

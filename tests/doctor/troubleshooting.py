@@ -46,6 +46,7 @@ same test checks it.
 | outside of the region | `--region` is a box in the world, in metres |
 | from another side than the approach asked for | a wider angle in `--approach`; 0 0 -1 is from above |
 | lower than the least height | a smaller `--min-height`: from the table to between the fingertips |
+| on another object than the best | nothing: `--one-object` keeps the grasps of one, then look again |
 | beyond the best that were asked for | nothing: `--top` keeps so many |
 
 ## What the doctor can say

@@ -15,6 +15,7 @@ WORDS = {
     "outside_the_region": "outside of the region",
     "from_another_side": "from another side than the approach asked for",
     "too_low": "lower than the least height",
+    "on_another_object": "on another object than the best",
     "beyond_the_best": "beyond the best that were asked for",
 }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 
 Box = tuple[float, float, float, float, float, float]
 Cone = tuple[float, float, float, float]
+Grasps = tuple["Grasp", ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,6 +31,9 @@ class Steering:
     0 0 -1 30 is from above."""
     min_height: float | None = None
     """Least height of the point between the fingertips above the table, metres."""
+    one_object: bool = False
+    """Only grasps of one object, that of the best grasp which is left: one object at a time. What touches is
+    one object here."""
     top: int | None = None
     """So many grasps at most, the best."""
 
@@ -47,20 +52,30 @@ class Steering:
     def applied(self, detection: Detection, workspace: Workspace) -> Detection:
         """The detection with the wanted grasps alone, the others counted by reason."""
         kept, rejected = detection.grasps, dict(detection.rejected)
-        rules = {
-            "outside_the_region": self._is_inside,
-            "from_another_side": self._is_approached,
-            "too_low": lambda grasp: self._is_high(grasp, workspace),
+        rules: dict[str, Callable[[Grasps], Grasps]] = {
+            "outside_the_region": lambda grasps: tuple(filter(self._is_inside, grasps)),
+            "from_another_side": lambda grasps: tuple(filter(self._is_approached, grasps)),
+            "too_low": lambda grasps: tuple(one for one in grasps if self._is_high(one, workspace)),
+            "on_another_object": lambda grasps: self._on_one(grasps, detection, workspace),
+            "beyond_the_best": lambda grasps: grasps[: self.top],
         }
-        for reason, is_wanted in rules.items():
-            wanted = tuple(grasp for grasp in kept if is_wanted(grasp))
-            if len(wanted) < len(kept):
-                rejected[reason] = len(kept) - len(wanted)
-            kept = wanted
-        if self.top is not None and len(kept) > self.top:
-            rejected["beyond_the_best"] = len(kept) - self.top
-            kept = kept[: self.top]
+        for reason, wanted in rules.items():
+            left = wanted(kept)
+            if len(left) < len(kept):
+                rejected[reason] = len(kept) - len(left)
+            kept = left
         return replace(detection, grasps=kept, rejected=rejected)
+
+    def _on_one(self, grasps: Grasps, detection: Detection, workspace: Workspace) -> Grasps:
+        """Those of the object that the best one is at."""
+        if not self.one_object or len(grasps) < 2:
+            return grasps
+        # With SciPy, which would make every command slow to start.
+        from neugrasp.detection.things import nearest, things_in
+
+        things = things_in(detection.tsdf, workspace)
+        at = [nearest(things, grasp.position, workspace) for grasp in grasps]
+        return tuple(grasp for grasp, thing in zip(grasps, at, strict=True) if thing == at[0])
 
     def _is_inside(self, grasp: Grasp) -> bool:
         if self.region is None:

@@ -102,9 +102,9 @@ class Browser:
         with Picture.open(io.BytesIO(base64.b64decode(answer["data"]))) as picture:
             return np.asarray(picture.convert("RGB"))
 
-    def click(self, x: float, y: float) -> None:
+    def click(self, x: float, y: float, shift: bool = False) -> None:
         """Presses and releases the left button at a pixel of the page."""
-        where = {"x": x, "y": y, "button": "left", "clickCount": 1}
+        where = {"x": x, "y": y, "button": "left", "clickCount": 1, "modifiers": 8 if shift else 0}
         self._ask("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
         for event in ("mousePressed", "mouseReleased"):
             self._ask("Input.dispatchMouseEvent", type=event, **where)

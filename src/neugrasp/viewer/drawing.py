@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as Picture
 
-from neugrasp.geometry.pose import Array, apply, rigid
+from neugrasp.detection.steering import Box
+from neugrasp.geometry.pose import Array, apply, inverse, rigid
 from neugrasp.geometry.surface import Surface
 from neugrasp.gripper import Gripper
 from neugrasp.pictures.score_scale import colour_of_outcome, colour_of_score
@@ -32,6 +34,8 @@ from neugrasp.viewer.tabletop import edge, tabletop
 
 CUBE: Colour = (150, 156, 166)
 PLAIN: Colour = (120, 165, 215)
+CHOSEN: Colour = (30, 90, 200)
+"""Of the region of a chosen object."""
 TRUE: Colour = (64, 190, 170)
 """Of true surfaces and grasps."""
 BELOW_TABLE = 0.0008
@@ -68,6 +72,8 @@ def nodes_of(contents: Contents, settings: Settings) -> tuple[Node, ...]:
     nodes += [_seen_through(node) if node.candidate is chosen else node for node in hands]
     shown = [node.candidate for node in hands if node.candidate is not None]
     nodes += [_number(contents, candidate) for candidate in shown if candidate.number is not None]
+    if settings.region is not None:
+        nodes.append(_region(contents, settings.region))
     if settings.slice_axis != "none" and moment.tsdf is not None:
         nodes.append(_slice(contents, moment, "xyz".index(settings.slice_axis), settings.slice_index))
     if chosen is not None:
@@ -80,6 +86,8 @@ def grasps_of(contents: Contents, settings: Settings) -> tuple[MeshNode, ...]:
     moment = contents.moment(settings.moment)
     hands = _hands(contents, moment.grasps, settings.hand, "grasps")
     passed = [node for node in hands if _score(node) >= settings.threshold]
+    if settings.region is not None:
+        passed = [node for node in passed if _is_in(settings.region, node.candidate, contents)]
     return tuple(passed[: settings.most])
 
 
@@ -124,6 +132,14 @@ def _seen_through(node: MeshNode) -> MeshNode:
     return replace(node, opacity=0.45)
 
 
+def _is_in(region: Box, candidate: Candidate | None, contents: Contents) -> bool:
+    """Whether the TCP of a grasp lies in a box of the world."""
+    if candidate is None:
+        return True
+    place = apply(contents.workspace.world_from_workspace, candidate.grasp.position)
+    return bool(np.all((place >= region[:3]) & (place <= region[3:])))
+
+
 def _score(node: MeshNode) -> float:
     return node.candidate.grasp.score if node.candidate else 1.0
 
@@ -139,10 +155,21 @@ def _table(contents: Contents) -> PictureNode:
 
 @lru_cache(maxsize=4)
 def _cube(contents: Contents) -> LinesNode:
-    corners = contents.workspace.corners()
+    return LinesNode("cube", _edges(contents.workspace.corners()), CUBE, 0.001)
+
+
+@lru_cache(maxsize=4)
+def _region(contents: Contents, region: Box) -> LinesNode:
+    """A box of the world, in the workspace frame."""
+    corners = np.array(list(product(*zip(region[:3], region[3:], strict=True))))
+    moved = apply(inverse(contents.workspace.world_from_workspace), _edges(corners))
+    return LinesNode("region", moved, CHOSEN, 0.0015)
+
+
+def _edges(corners: Array) -> Array:
+    """(12, 2, 3): the edges between the corners (8, 3) of a box along the axes."""
     pairs = [(a, b) for i, a in enumerate(corners) for b in corners[i + 1 :]]
-    edges = [(a, b) for a, b in pairs if np.count_nonzero(a != b) == 1]
-    return LinesNode("cube", np.array(edges), CUBE, 0.001)
+    return np.array([(a, b) for a, b in pairs if np.count_nonzero(a != b) == 1])
 
 
 @lru_cache(maxsize=16)

@@ -74,6 +74,13 @@ class Stage:
                 if name not in self._drawn:
                     self._drawn[name] = (node, self._add(node, clicked))
 
+    def on_aim(self, aimed: Callable[[Array, Array], None]) -> None:
+        """Calls `aimed` with a line of sight, origin and direction, for each click with Shift held."""
+
+        @self._server.scene.on_click(modifier="shift")
+        def _(event: Any) -> None:
+            aimed(np.array(event.ray_origin), np.array(event.ray_direction))
+
     def wait_for_visitor(self) -> Any:
         """The first browser that has the page open. Raises `NeuGraspError` where none comes in time."""
         end = time.monotonic() + PATIENCE
