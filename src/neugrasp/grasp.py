@@ -31,6 +31,14 @@ class Grasp:
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
     """Unit vector away from the table, in the frame of the pose; z in the workspace frame."""
 
+    def __repr__(self) -> str:
+        place, approach = (
+            ", ".join(f"{x:{form}}" for x in vector)
+            for vector, form in ((self.position, "+.3f"), (self.approach, "+.2f"))
+        )
+        width = f"{1000 * self.width:.0f} mm"
+        return f"Grasp(score {self.score:.2f}, width {width}, TCP ({place}) m, approach ({approach}))"
+
     @property
     def position(self) -> Array:
         """The TCP, metres."""

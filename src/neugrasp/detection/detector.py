@@ -17,6 +17,7 @@ from torch import Tensor
 from neugrasp.detection.ask_head import predict_grasps
 from neugrasp.detection.decode import SelectionConfig, select_grasps
 from neugrasp.detection.hand_check import HandCheck
+from neugrasp.detection.notebook import as_html, in_short
 from neugrasp.errors import InputError
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
@@ -42,6 +43,12 @@ class Detection:
     """Seconds of each stage."""
     threshold: float | None = None
     """The quality below which nothing is a grasp, where the detector has one."""
+
+    def __repr__(self) -> str:
+        return in_short(self)
+
+    def _repr_html_(self) -> str:
+        return as_html(self)
 
 
 class Detector(Protocol):
@@ -110,6 +117,9 @@ class NeuGraspDetector:
         hand = Gripper.load(gripper)
         selection = SelectionConfig(threshold=threshold, hand=HandCheck(hand) if hand_check else None)
         return cls(checkpoint.model(), hand, selection, device)
+
+    def __repr__(self) -> str:
+        return f"NeuGraspDetector({self.gripper.name}, threshold {self.selection.threshold:g}, {self.device})"
 
     @torch.no_grad()
     def detect(self, views: Views) -> Detection:

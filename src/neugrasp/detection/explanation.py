@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from neugrasp.detection.detector import Detection
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from neugrasp.detection.detector import Detection
 
 WORDS = {
     "off_the_surface": "off the surface",

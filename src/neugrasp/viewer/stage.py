@@ -24,6 +24,8 @@ PATIENCE = 300.0
 """Seconds that a browser may take to open the page, or to draw it. On an idle machine without a graphics card
 it is some ten and one; on a busy one it can be minutes."""
 
+LABEL = 0.011
+"""Metres: the height of numbers in the scene."""
 SHADOW = 0.3
 """How dark shadows are."""
 Clicked = Callable[[Candidate], None]
@@ -142,7 +144,13 @@ class Stage:
                     f"/{node.name}", node.segments, node.colour, thickness=node.thickness
                 )
             case LabelNode():
-                return self._server.scene.add_label(f"/{node.name}", node.text, position=node.position)
+                return self._server.scene.add_label(
+                    f"/{node.name}",
+                    node.text,
+                    position=node.position,
+                    font_size_mode="scene",
+                    font_scene_height=LABEL,
+                )
             case AxesNode():
                 return self._server.scene.add_frame(
                     f"/{node.name}",
