@@ -158,3 +158,25 @@ def test_importing_loads_nothing_heavy(module: str, absent: set[str]):
     )
     result = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
+
+
+MODES = [["r"], ["w"], ["a"]]
+
+
+def is_text(call: ast.Call) -> bool:
+    """Whether a call of this name reads or writes text."""
+    modes = [*call.args, *(word.value for word in call.keywords if word.arg == "mode")]
+    return not any(isinstance(mode, ast.Constant) and "b" in str(mode.value) for mode in modes)
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))
+def test_text_is_utf_8_on_every_system(file: Path):
+    """Windows takes another encoding where none is named; `Path` methods, `os.fdopen`."""
+    for call in (node for node in ast.walk(ast.parse(file.read_text())) if isinstance(node, ast.Call)):
+        name = getattr(call.func, "attr", None)
+        owner = getattr(getattr(call.func, "value", None), "id", "")
+        wanted = name in ("write_text", "fdopen") or (name == "read_text" and len(call.args) == 0)
+        # A method `open` with a mode of text, such as that of a path.
+        wanted |= name == "open" and [getattr(mode, "value", None) for mode in call.args] in MODES
+        if wanted and owner != "os" and is_text(call):
+            assert any(word.arg == "encoding" for word in call.keywords), f"{file.name}:{call.lineno}"

@@ -136,7 +136,7 @@ def _try_missing(
     path = run.out / "attempts.jsonl"
     finished = _finished(path)
     missing = [record for record in records if record.name not in finished]
-    with World(Workspace(), library, detector.gripper) as world, path.open("a") as file:
+    with World(Workspace(), library, detector.gripper) as world, path.open("a", encoding="utf-8") as file:
         for index, record in enumerate(counted(missing, "records")):
             rng = np.random.default_rng([run.seed, zlib.crc32(record.name.encode())])
             lines = [json.dumps(asdict(attempt)) for attempt in attempts_of(record, detector, world, rng)]
@@ -200,7 +200,7 @@ def _finished(path: Path) -> set[str]:
 def _summarise(records: list[Record], detector: NeuGraspDetector, path: Path) -> dict[str, Any]:
     names = {record.name for record in records}
     groups: dict[str, list[dict[str, Any]]] = defaultdict(list)
-    for attempt in map(json.loads, path.read_text().splitlines()):
+    for attempt in map(json.loads, path.read_text(encoding="utf-8").splitlines()):
         if attempt["record"] in names:
             groups[f"{attempt['kind']}/{attempt['detector']}"].append(attempt)
     success = {name: _rate(group) for name, group in sorted(groups.items())}

@@ -126,7 +126,7 @@ def _describe(config: GenerateConfig, library: ObjectLibrary) -> None:
 @contextmanager
 def _only_one(out: Path) -> Iterator[None]:
     """Holds `out` for this process. Waits for workers that outlive a killed run by a moment."""
-    with held(out, "generate"), (out / ".lock-workers").open("w") as workers:
+    with held(out, "generate"), (out / ".lock-workers").open("w", encoding="utf-8") as workers:
         lock(workers, waits=True)
         unlock(workers)
         yield
@@ -240,7 +240,7 @@ def _start_worker(
     parent: int,
 ) -> None:
     worker = _Worker(config, make_photographer, threads, finished)
-    file = worker.closing.enter_context((config.out / ".lock-workers").open("w"))
+    file = worker.closing.enter_context((config.out / ".lock-workers").open("w", encoding="utf-8"))
     lock(file, shared=True, waits=True)
     end_with(parent)
     Finalize(None, worker.closing.close, exitpriority=10)

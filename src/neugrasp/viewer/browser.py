@@ -138,7 +138,7 @@ class Browser:
         while time.monotonic() < end:
             if self._process.poll() is not None:
                 raise NeuGraspError(f"the browser ended at once (code {self._process.returncode})")
-            if file.is_file() and (lines := file.read_text().split()):
+            if file.is_file() and (lines := file.read_text(encoding="utf-8").split()):
                 with urllib.request.urlopen(f"http://127.0.0.1:{lines[0]}/json", timeout=PATIENCE) as reply:
                     pages = [page for page in json.load(reply) if page["type"] == "page"]
                 if pages:
