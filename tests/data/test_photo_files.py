@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import os
 import struct
@@ -126,3 +127,24 @@ def test_what_is_no_photo_is_named(tmp_path: Path):
         for read in (read_image, image_size, photo_tags):
             with pytest.raises(InputError, match=message):
                 read(tmp_path / name, "view 0")
+
+
+def test_damaged_tags_are_no_tags(tmp_path: Path):
+    """Not a word of Pillow's, whatever the bytes of the tags are."""
+    tags = Picture.Exif()
+    tags[274], tags[0x8769] = 6, {0xA405: 26, 0xA002: 64, 0xA003: 48, 0x920A: 4.2}
+    stream, file = io.BytesIO(), tmp_path / "a.jpg"
+    Picture.new("RGB", (64, 48)).save(stream, "JPEG", exif=tags)
+    right, rng = stream.getvalue(), np.random.default_rng(0)
+    begin = right.index(b"Exif")
+    for _ in range(400):
+        data = np.frombuffer(right, np.uint8).copy()
+        places = begin + rng.integers(0, 160, rng.integers(1, 6))
+        data[places] = rng.integers(0, 256, len(places))
+        file.write_bytes(data.tobytes())
+        try:
+            found = photo_tags(file, "view 0")
+        except InputError:
+            continue
+        assert found.focal_35mm is None or 5 <= found.focal_35mm <= 2000
+        assert found.lies is None or len(found.lies) < 50

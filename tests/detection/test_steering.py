@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image as Picture
 
 from neugrasp.detection.detector import Detection
 from neugrasp.detection.steering import Steering
@@ -14,6 +16,7 @@ from neugrasp.errors import InputError
 from neugrasp.geometry.pose import rigid, rotation_about
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
+from neugrasp.views import Views
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 PLACE = rigid(rotation_about((0, 0, 1), 0.4), (1.0, 2.0, 0.7))
@@ -93,6 +96,34 @@ def test_a_region_is_a_box_of_the_world():
     found = Steering(region=box).applied(detection(HIGH, LOW, TILTED), WORKSPACE)
     assert found.grasps == (LOW,)
     assert found.rejected["outside_the_region"] == 2
+
+
+@pytest.mark.parametrize("view", [0, 2])
+def test_a_mask_is_drawn_in_one_of_the_photos(tmp_path: Path, small_views: Views, view: int):
+    """White where the low grasp is seen; a grasp that no photo sees is not wanted either."""
+    views = tuple(replace(one, camera=one.camera.moved(PLACE)) for one in small_views.views)
+    moved = Views(views, WORKSPACE)
+    camera = views[view].camera
+    column, row = camera.project(LOW.position)[0].round().astype(int)
+    picture = np.zeros((camera.height, camera.width), np.uint8)
+    picture[row - 2 : row + 3, column - 2 : column + 3] = 255
+    Picture.fromarray(picture).save(tmp_path / "mask.png")
+    behind = replace(LOW, pose=LOW.pose @ rigid(translation=(0, 0, -9.0)))
+    steering = Steering(mask=(view, tmp_path / "mask.png"))
+    found = steering.applied(detection(HIGH, LOW, behind), WORKSPACE, moved)
+    assert [grasp is LOW for grasp in found.grasps] == [True]
+    assert found.rejected["outside_the_mask"] == 2
+
+    for mask, message in (
+        ((4, tmp_path / "mask.png"), r"--mask 4 .*mask\.png: there are views 0 to 3"),
+        ((-1, tmp_path / "mask.png"), "there are views 0 to 3"),
+        ((0, tmp_path / "none.png"), r"none\.png: missing"),
+    ):
+        with pytest.raises(InputError, match=message):
+            Steering(mask=mask).applied(detection(LOW), WORKSPACE, moved)
+    Picture.fromarray(np.zeros((90, 160), np.uint8)).save(tmp_path / "mask.png")
+    with pytest.raises(InputError, match="160 x 90 pixels; photo 0 has 64 x 36"):
+        Steering(mask=(0, tmp_path / "mask.png")).applied(detection(LOW), WORKSPACE, moved)
 
 
 def test_without_wishes_all_stays_as_it_is():

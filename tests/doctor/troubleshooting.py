@@ -44,6 +44,7 @@ same test checks it.
 | with nothing between the fingers | the best places lie beside the surface: see the report's surface |
 | beside a better one | nothing: of close neighbours only the best is kept |
 | outside of the region | `--region` is a box in the world, in metres |
+| outside of the mask | `--mask` is a picture of one photo, white where grasps are wanted |
 | from another side than the approach asked for | a wider angle in `--approach`; 0 0 -1 is from above |
 | lower than the least height | a smaller `--min-height`: from the table to between the fingertips |
 | on another object than the best | nothing: `--one-object` keeps the grasps of one, then look again |

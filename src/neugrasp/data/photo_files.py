@@ -105,7 +105,9 @@ class Tags:
 
 def photo_tags(file: Path, where: str) -> Tags:
     """The tags of a photo, which is not decoded. Raises like `read_image`."""
-    with _opened(file, where) as picture:
+    with _opened(file, where) as picture, warnings.catch_warnings():
+        # Damaged tags are no tags; Pillow says so at length.
+        warnings.simplefilter("ignore", UserWarning)
         exif = picture.getexif()
         value, details, size = exif.get(ORIENTATION_TAG, 1), exif.get_ifd(DETAILS), picture.size
     lies = None if value in (0, 1) else AS_STORED.get(value, f"tagged {str(value)[:20]!r}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from neugrasp.detection.detector import Detection
     from neugrasp.geometry.workspace import Workspace
     from neugrasp.grasp import Grasp
+    from neugrasp.views import Views
 
 Box = tuple[float, float, float, float, float, float]
 Cone = tuple[float, float, float, float]
@@ -26,6 +28,9 @@ class Steering:
 
     region: Box | None = None
     """Box in which the point between the fingertips must lie: x, y and z from, x, y and z to, metres."""
+    mask: tuple[int, Path] | None = None
+    """Number of a view and a picture of its photo's size: the point between the fingertips must be seen where
+    that is brighter than half."""
     approach: Cone | None = None
     """Direction x, y, z in which the hand may move to the grasp, and by how many degrees it may deviate:
     0 0 -1 30 is from above."""
@@ -49,11 +54,16 @@ class Steering:
         if self.top is not None and self.top < 1:
             raise InputError(f"--top {self.top}: must be at least 1")
 
-    def applied(self, detection: Detection, workspace: Workspace) -> Detection:
-        """The detection with the wanted grasps alone, the others counted by reason."""
+    def applied(self, detection: Detection, workspace: Workspace, views: Views | None = None) -> Detection:
+        """The detection with the wanted grasps alone, the others counted by reason.
+
+        A mask needs the `views`. Raises `InputError` where it does not belong to one of them.
+        """
+        is_masked = self._masked(views)
         kept, rejected = detection.grasps, dict(detection.rejected)
         rules: dict[str, Callable[[Grasps], Grasps]] = {
             "outside_the_region": lambda grasps: tuple(filter(self._is_inside, grasps)),
+            "outside_the_mask": lambda grasps: tuple(filter(is_masked, grasps)),
             "from_another_side": lambda grasps: tuple(filter(self._is_approached, grasps)),
             "too_low": lambda grasps: tuple(one for one in grasps if self._is_high(one, workspace)),
             "on_another_object": lambda grasps: self._on_one(grasps, detection, workspace),
@@ -76,6 +86,36 @@ class Steering:
         things = things_in(detection.tsdf, workspace)
         at = [nearest(things, grasp.position, workspace) for grasp in grasps]
         return tuple(grasp for grasp, thing in zip(grasps, at, strict=True) if thing == at[0])
+
+    def check(self, views: Views) -> None:
+        """Raises `InputError` where the mask does not belong to one of the views."""
+        self._masked(views)
+
+    def _masked(self, views: Views | None) -> Callable[[Grasp], bool]:
+        """Whether a grasp is seen where the mask is bright."""
+        if self.mask is None:
+            return lambda _: True
+        number, file = self.mask
+        if views is None or not 0 <= number < len(views):
+            count = 0 if views is None else len(views)
+            raise InputError(f"--mask {number} {file}: there are views 0 to {count - 1}")
+        # With Pillow, as above.
+        from neugrasp.data.photo_files import read_image
+
+        bright, camera = read_image(file, "--mask").max(axis=2) > 127, views.views[number].camera
+        if bright.shape != (camera.height, camera.width):
+            raise InputError(
+                f"--mask {number} {file}: {bright.shape[1]} x {bright.shape[0]} pixels; photo {number} has "
+                f"{camera.width} x {camera.height}"
+            )
+
+        def is_masked(grasp: Grasp) -> bool:
+            (column, row), depth = camera.project(grasp.position)
+            column, row = round(float(column)), round(float(row))
+            inside = depth > 0 and 0 <= row < bright.shape[0] and 0 <= column < bright.shape[1]
+            return bool(inside and bright[row, column])
+
+        return is_masked
 
     def _is_inside(self, grasp: Grasp) -> bool:
         if self.region is None:

@@ -59,6 +59,7 @@ def predict(run: PredictRun) -> str:
     with whole_or_nothing(run.out, FILES) as part:
         reached("steps", 0, STEPS)
         views = read_scene(run.scene)
+        run.steering.check(views)
         reached("steps", 1, STEPS)
         diagnosis = examine_read(views, run.is_examined)
         _check(run, diagnosis)
@@ -67,7 +68,7 @@ def predict(run: PredictRun) -> str:
             run.weights, run.gripper, threshold=run.threshold, hand_check=run.hand_check
         )
         reached("steps", 3, STEPS)
-        detection = run.steering.applied(detector.detect(views), views.workspace)
+        detection = run.steering.applied(detector.detect(views), views.workspace, views)
         reached("steps", 4, STEPS)
         write_prediction(part, views, detection, detector.gripper)
         if run.with_report:
