@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image as Picture
 
-from neugrasp.geometry.pose import Array, inverse, rigid, rotation_about, to_quaternion
+from neugrasp.geometry.pose import Array, inverse, rigid, rotation_about, to_quaternion, to_rotation_vector
 from neugrasp.observation import View, Views
 
 OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -138,8 +138,8 @@ def _write_binary(model: Path, cameras: Cameras, images: Images) -> None:
 FLANGE_FROM_CAMERA = rigid(rotation_about((0.1, 0.2, 1), 0.8), (0.05, -0.02, 0.07))
 
 
-def write_robot(folder: Path, views: Views, is_csv: bool = False) -> Path:
-    """robot.json; the cameras must share one lens."""
+def write_robot(folder: Path, views: Views, is_csv: bool = False, is_ur: bool = False) -> Path:
+    """robot.json, with rotation vectors where it is of Universal Robots; the cameras must share one lens."""
     write_photos(folder, views)
     camera = views.frames[0].camera
     poses = [view.camera.world_from_camera @ inverse(FLANGE_FROM_CAMERA) for view in views.frames]
@@ -153,7 +153,27 @@ def write_robot(folder: Path, views: Views, is_csv: bool = False) -> Path:
         },
         "views": "poses.csv",
     }
-    if is_csv:
+    if is_ur:
+        data["flange_from_camera"] = {
+            "position": FLANGE_FROM_CAMERA[:3, 3].tolist(),
+            "rotation_vector": to_rotation_vector(FLANGE_FROM_CAMERA).tolist(),
+        }
+    if is_csv and is_ur:
+        rows = [[f"view_{i}.png", *pose[:3, 3], *to_rotation_vector(pose)] for i, pose in enumerate(poses)]
+        lines = [",".join(map(str, row)) for row in rows]
+        (folder / "poses.csv").write_text("\n".join(["image, x, y, z, rx, ry, rz", *lines]) + "\n")
+    elif is_ur:
+        data["views"] = [
+            {
+                "image": f"view_{i}.png",
+                "base_from_flange": {
+                    "position": pose[:3, 3].tolist(),
+                    "rotation_vector": to_rotation_vector(pose).tolist(),
+                },
+            }
+            for i, pose in enumerate(poses)
+        ]
+    elif is_csv:
         lines = [
             ",".join(map(str, (f"view_{i}.png", *pose[:3, 3], *to_quaternion(pose))))
             for i, pose in enumerate(poses)

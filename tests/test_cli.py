@@ -7,6 +7,7 @@ import resource
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -148,7 +149,7 @@ def test_predict_tells_of_a_rotation_tag_as_the_doctor_does(
         picture.save(file, exif=tags)
     cli.main(["predict", str(scene_folder), "--out", str(tmp_path / "out"), "--force"])
     assert "rotation tag" in caplog.text
-    assert "EXIF orientation is not 1 in backgrounds/0.png" in caplog.text
+    assert "EXIF orientation is not 1: backgrounds/0.png is stored turned by 90 degrees" in caplog.text
 
 
 @pytest.fixture
@@ -213,18 +214,16 @@ def test_the_demo_prints_a_table_and_fills_a_folder_per_scene(
     from neugrasp.demo import bundled as demo
 
     monkeypatch.setattr(demo, "demo_scenes", lambda: [demo.DemoScene("glasses", scene_folder)])
+    began = time.monotonic()
     assert cli.main(["demo", "--out", str(tmp_path / "out")]) == 0
     printed = capsys.readouterr().out.splitlines()
     assert printed[0].split() == ["scene", "grasps", "best", "width", "seconds", "pictures"]
-    assert printed[1].split() == [
-        "glasses",
-        "2",
-        "0.95",
-        "40",
-        "mm",
-        "0.1",
-        str(tmp_path / "out" / "glasses"),
-    ]
+    waited = time.monotonic() - began
+    *row, seconds, folder = printed[1].split()
+    assert row == ["glasses", "2", "0.95", "40", "mm"]
+    assert folder == str(tmp_path / "out" / "glasses")
+    # What a person waits: the stages of this detector say that they took a tenth of a second.
+    assert 0.15 < float(seconds) <= waited + 0.05
     written = {file.name for file in (tmp_path / "out" / "glasses").iterdir()}
     assert written == {"grasps.json", "overlay.png", "surface.ply", "tsdf.npz", "surface.png", "slice.png"}
 
@@ -242,7 +241,7 @@ def test_every_command_has_help(command: str, capsys: pytest.CaptureFixture[str]
     with pytest.raises(SystemExit) as ended:
         cli.main([command, "--help"])
     assert ended.value.code == 0
-    assert "--out PATH" in capsys.readouterr().out
+    assert "--out " in capsys.readouterr().out
 
 
 def test_help_comes_without_loading_the_network():

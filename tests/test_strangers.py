@@ -527,9 +527,9 @@ def test_one_reading_for_all(file: Path):
         (b'{"a":' * 100_000, "deep"),
         (b'["\\u001b[2J"]', "control character"),
         (b'{"a\\u0000": 1}', "control character"),
-        (b'["\\ud800"]', "control character"),
-        ('["ä"]'.encode("utf-16"), "not valid JSON"),
-        (b"\xff", "not valid JSON"),
+        (b'["\\ud800"]', "half a character"),
+        ('["ä"]'.encode("utf-16"), "no text in UTF-8"),
+        (b"\xff", "no text in UTF-8"),
         (b"", "not valid JSON"),
     ],
 )
@@ -546,13 +546,13 @@ def test_what_is_no_file_is_not_waited_for(tmp_path: Path):
     (tmp_path / "big").touch()
     os.truncate(tmp_path / "big", LARGEST + 1)
     for name, message in (
-        ("pipe", "is a pipe or a device"),
+        ("pipe", "is a pipe, a socket or a device"),
         ("", "is a folder"),
         ("none", "missing; a list is needed"),
         ("big/deeper", "missing"),
-        ("big", "50 MB; a list has at most 50"),
+        ("big", "64 MiB; at most 64 are read"),
         ("n" * 300, "cannot be read .File name too long"),
-        ("a\0b", "is no name of a file"),
+        ("a\0b", "cannot be read .embedded null"),
     ):
         with pytest.raises(InputError, match=message):
             read_json(tmp_path / name, "a list")

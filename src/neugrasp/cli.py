@@ -2,39 +2,37 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
+import logging
+import re
 import sys
+import textwrap
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
 
-try:
-    import importlib
-    import inspect
-    import re
-    import textwrap
-    import traceback
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-    from dataclasses import dataclass
-    from typing import Any
+import tyro
 
-    import tyro
+import neugrasp
+from neugrasp.bench.command import SpeedTest
+from neugrasp.data.command import Pack
+from neugrasp.demo.command import Demo
+from neugrasp.doctor.command import Doctor
+from neugrasp.doctor.findings import Verdict
+from neugrasp.errors import NeuGraspError
+from neugrasp.evaluation.commands import Compare, Evaluate, Failures, Results, Story, Validate
+from neugrasp.exporters.command import Export
+from neugrasp.figures.command import Figure
+from neugrasp.importers.command import Import, PrintBoard
+from neugrasp.report.command import DataSheet, Predict
+from neugrasp.simulation.command import Generate
+from neugrasp.terminal import check_command, printable, speak_plainly
+from neugrasp.training.command import Train
+from neugrasp.viewer.command import Viewer
 
-    import neugrasp
-    from neugrasp.bench.command import SpeedTest
-    from neugrasp.data.command import Pack
-    from neugrasp.demo.command import Demo
-    from neugrasp.doctor.command import Doctor
-    from neugrasp.doctor.findings import Verdict
-    from neugrasp.errors import NeuGraspError
-    from neugrasp.evaluation.commands import Compare, Evaluate, Failures, Results, Story, Validate
-    from neugrasp.exporters.command import Export
-    from neugrasp.figures.command import Figure
-    from neugrasp.importers.command import Import, PrintBoard
-    from neugrasp.report.command import DataSheet, Predict
-    from neugrasp.simulation.command import Generate
-    from neugrasp.terminal import check_command, printable, speak_plainly
-    from neugrasp.training.command import Train
-    from neugrasp.viewer.command import Viewer
-except KeyboardInterrupt:
-    # These take the first second of the program: whoever ends it then has made no mistake.
-    sys.exit(130)
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -50,11 +48,16 @@ class Command:
     def run(self, name: str, words: Sequence[str]) -> object:
         """Reads the words and runs the command."""
         if self.settings is None:
-            return _loaded(self.runner)(tyro.cli(self.options, prog=f"neugrasp {name}", args=words))
+            options = tyro.cli(self.options, prog=f"neugrasp {name}", args=words)
+            return self._started(name, options)
         options, rest = tyro.cli(self.options, prog=f"neugrasp {name}", args=words, return_unknown_args=True)
         settings = _loaded(self.settings)(options)
         settings = tyro.cli(type(settings), prog=f"neugrasp {name}", args=rest, default=settings)
-        return _loaded(self.runner)(options, settings)
+        return self._started(name, options, settings)
+
+    def _started(self, name: str, options: Any, *more: object) -> object:
+        log.info("neugrasp %s: %s", name, options.doing)
+        return _loaded(self.runner)(options, *more)
 
 
 def _loaded(name: str) -> Callable[..., Any]:
@@ -81,7 +84,7 @@ COMMANDS: dict[str, Command] = {
     "validate": Command(Validate, "evaluation.held_out:run"),
     "compare": Command(_positional(Compare), "evaluation.compare:run"),
     "failures": Command(_positional(Failures), "evaluation.failures:run"),
-    "story": Command(_positional(Story), "evaluation.story:write_story"),
+    "story": Command(_positional(Story), "evaluation.story:run"),
     "results": Command(Results, "evaluation.results:run"),
     "figure": Command(_positional(Figure), "figures.run:run"),
     "bench": Command(SpeedTest, "bench.run:run"),
@@ -95,9 +98,9 @@ FIRST = ("demo", "doctor", "predict", "view", "import", "generate", "train", "ev
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command: 0, or 1 on the doctor's red, 2 on a mistake of the user, 130 when interrupted, 70 on
     a mistake of ours."""
-    speak_plainly()
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
+        voice = speak_plainly()
         if words[:1] == ["--version"]:
             print(f"neugrasp {neugrasp.__version__}")
             return 0
@@ -107,6 +110,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         check_command(words, COMMANDS)
         report = COMMANDS[words[0]].run(words[0], words[1:])
         for part in report if isinstance(report, Iterator) else () if report is None else (report,):
+            voice.clear()
             print(printable(part), flush=True)
         return report.exit_code if isinstance(report, Verdict) else 0
     except KeyboardInterrupt:

@@ -6,12 +6,14 @@ that an algorithm on photos cannot be handed depth images alone.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image as Picture
 
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
@@ -23,11 +25,13 @@ Depth = NDArray[np.float32]
 """(height, width) z-depth in metres; 0 where nothing was measured."""
 
 MAX_VIEWS = 8
+PREVIEW = 240
+"""Pixels of the height of a photo in a notebook."""
 CHANNELS = {"image": "photo", "background": "photo of the empty table", "depth": "depth image"}
 """Fields of a frame that hold a picture, and what they are called in messages."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Frame:
     """What one camera saw. Raises `InputError` where a picture is not of the camera's size, or there is
     none."""
@@ -55,13 +59,24 @@ class Frame:
                     f"its camera takes {shape}, {'metres as floats' if kind == 'f' else 'uint8'}"
                 )
 
+    def __repr__(self) -> str:
+        place = ", ".join(f"{x:+.3f}" for x in self.camera.centre)
+        name = f"{self.name}, " if self.name else ""
+        size = f"{self.camera.width} x {self.camera.height}"
+        return f"{type(self).__name__}({name}{size} pixels, from ({place}) m)"
+
+    def _repr_png_(self) -> bytes | None:
+        """The photo beside the empty table, for notebooks; None where there is neither."""
+        photos = [photo for photo in (self.image, self.background) if photo is not None]
+        return _png(np.concatenate(photos, axis=1)) if photos else None
+
     @property
     def channels(self) -> frozenset[str]:
         """Which of the pictures there are: of "image", "background" and "depth"."""
         return frozenset(channel for channel in CHANNELS if getattr(self, channel) is not None)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class View(Frame):
     """A frame with a photo of the objects and one of the empty table."""
 
@@ -69,14 +84,14 @@ class View(Frame):
     background: Image = field()
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class DepthView(Frame):
     """A frame with a depth image."""
 
     depth: Depth = field()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Observation:
     """Everything a detector may know about a scene. Raises `InputError` on 0 or more than 8 frames, on frames
     whose channels differ, and on frames without a picture."""
@@ -99,20 +114,35 @@ class Observation:
     def __len__(self) -> int:
         return len(self.frames)
 
+    def __repr__(self) -> str:
+        sizes = sorted({(frame.camera.width, frame.camera.height) for frame in self.frames})
+        pixels = ", ".join(f"{width} x {height}" for width, height in sizes)
+        source = f" of {self.source}" if self.source else ""
+        return f"{type(self).__name__}({len(self)} frames{source}, {pixels} pixels)"
+
+    def _repr_png_(self) -> bytes | None:
+        """Small photos in a row, their empty tables below, for notebooks; None where there are none."""
+        rows = [
+            np.concatenate([_small(getattr(frame, channel)) for frame in self.frames], axis=1)
+            for channel in ("image", "background")
+            if channel in self.channels
+        ]
+        return _png(np.concatenate(rows)) if rows else None
+
     @property
     def channels(self) -> frozenset[str]:
         """Which pictures every frame has: of "image", "background" and "depth"."""
         return self.frames[0].channels
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Views(Observation):
     """An observation whose every frame has a photo and a background."""
 
     frames: Sequence[View]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class DepthViews(Observation):
     """An observation whose every frame has a depth image."""
 
@@ -145,6 +175,18 @@ def _narrowed(seen: Observation, kind: type[Narrow], needed: set[str]) -> tuple[
         )
     names = [one.name for one in fields(Frame)]
     return tuple(kind(**{name: getattr(frame, name) for name in names}) for frame in seen.frames)
+
+
+def _small(image: Image) -> Image:
+    height, width = image.shape[:2]
+    size = (max(1, round(width * PREVIEW / height)), PREVIEW)
+    return np.asarray(Picture.fromarray(image).resize(size, Picture.Resampling.BOX))
+
+
+def _png(image: Image) -> bytes:
+    stream = io.BytesIO()
+    Picture.fromarray(image).save(stream, format="PNG")
+    return stream.getvalue()
 
 
 def _words(channels: frozenset[str] | set[str]) -> str:

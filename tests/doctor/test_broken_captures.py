@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -160,7 +161,8 @@ def test_the_command_writes_a_corrected_copy_that_is_green(
     write_scene(bad, case.spoil(clinic.good))
     written = (bad / "scene.json").read_text()
     assert cli.main(["doctor", str(bad), "--fix", str(fixed)]) == 1
-    assert capsys.readouterr().out.endswith(f"{bad}: red\n{fixed}: green\n")
+    then = f"next: neugrasp predict {fixed} --out outputs/fixed\n"
+    assert capsys.readouterr().out.endswith(f"{bad}: red\n{fixed}: green\n{then}")
     assert_same(read_scene(fixed), clinic.good)
     assert (bad / "scene.json").read_text() == written
 
@@ -198,6 +200,25 @@ def test_a_folder_in_use_is_not_written_into(clinic: Clinic, tmp_path: Path):
     with pytest.raises(InputError, match="is not empty"):
         write_fixed(clinic.diagnosis(case), clinic.spoilt(case), tmp_path)
     assert [file.name for file in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_photos_named_as_windows_does_are_copied(clinic: Clinic, tmp_path: Path):
+    """With backslashes, and with folders in folders."""
+    (case,) = [case for case in FOLDER_CASES if case.what == "poses transposed"]
+    shutil.copytree(clinic.spoilt(case), tmp_path / "bad")
+    (tmp_path / "bad/images").rename(tmp_path / "bad/photos")
+    (tmp_path / "bad/rig").mkdir()
+    (tmp_path / "bad/photos").rename(tmp_path / "bad/rig/images")
+    file = tmp_path / "bad/scene.json"
+    data = json.loads(file.read_text())
+    for view in data["views"]:
+        view["image"] = "rig\\" + view["image"].replace("/", "\\")
+        view["background"] = view["background"].replace("/", "\\")
+    file.write_text(json.dumps(data))
+    write_fixed(examine_folder(tmp_path / "bad"), file, tmp_path / "fixed")
+    assert_same(read_scene(tmp_path / "fixed"), clinic.good)
+    assert (tmp_path / "fixed/rig/images/0.png").is_file()
+    assert not [path for path in (tmp_path / "fixed").iterdir() if "\\" in path.name]
 
 
 def test_an_inverted_workspace_is_found_and_mended(good: Views):

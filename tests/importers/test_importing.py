@@ -56,6 +56,16 @@ def robot_csv(folder: Path, views: Views) -> list[str]:
     return ["robot", str(source), "--alignment", str(Similarity().write(folder / "alignment.json", views))]
 
 
+def ur(folder: Path, views: Views) -> list[str]:
+    source = write_robot(folder, views, is_ur=True)
+    return ["robot", str(source), "--alignment", str(Similarity().write(folder / "alignment.json", views))]
+
+
+def ur_csv(folder: Path, views: Views) -> list[str]:
+    source = write_robot(folder, views, is_ur=True, is_csv=True)
+    return ["robot", str(source), "--alignment", str(Similarity().write(folder / "alignment.json", views))]
+
+
 @pytest.fixture
 def elsewhere(small_views: Views) -> Views:
     """Four views of one lens in a world whose cube is turned and far from the origin."""
@@ -80,7 +90,7 @@ def same(one: Views, other: Views) -> None:
         assert mine.camera.sensed == yours.camera.sensed
 
 
-@pytest.mark.parametrize("write", [nerfstudio, colmap_text, colmap_binary, robot, robot_csv])
+@pytest.mark.parametrize("write", [nerfstudio, colmap_text, colmap_binary, robot, robot_csv, ur, ur_csv])
 def test_a_scene_comes_back_from_every_format(
     write: Write, elsewhere: Views, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
@@ -346,6 +356,23 @@ def test_an_orientation_tag_is_told_at_import(
     assert cli.main(["import", *arguments, "--out", str(tmp_path / "scene")]) == 0
     assert "view_2.png: EXIF orientation: the photo is stored turned by" in caplog.text
     assert "view_1.png: EXIF" not in caplog.text
+    same(read_scene(tmp_path / "scene"), elsewhere)
+
+
+@pytest.mark.parametrize(("factor", "is_told"), [(2, True), (0.5, True), (1.1, False)])
+def test_another_focal_length_is_told_at_import(
+    elsewhere: Views, tmp_path: Path, caplog: pytest.LogCaptureFixture, factor: float, is_told: bool
+):
+    arguments = nerfstudio(tmp_path / "foreign", elsewhere)
+    camera = elsewhere.frames[2].camera
+    film = camera.intrinsics[0, 0] * np.hypot(36, 24) / np.hypot(camera.width, camera.height)
+    file = tmp_path / "foreign/images/view_2.png"
+    with Picture.open(file) as picture:
+        tags = picture.getexif()
+        tags[0x8769] = {0xA405: round(factor * film)}
+        picture.save(file, exif=tags)
+    assert cli.main(["import", *arguments, "--out", str(tmp_path / "scene")]) == 0
+    assert ("view_2.png: EXIF focal length" in caplog.text) is is_told
     same(read_scene(tmp_path / "scene"), elsewhere)
 
 

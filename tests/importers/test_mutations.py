@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from foreign_formats import Similarity, write_colmap, write_nerfstudio, write_robot
 from mutations import as_json, spoilt, spoilt_bytes, spoilt_text
 from neugrasp.data.scene_folder import read_scene, write_scene
-from neugrasp.data.user_files import read_object
+from neugrasp.data.strict_json import read_object
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import look_at
@@ -92,7 +92,7 @@ def transforms(file: Path) -> None:
 
 
 def camera(file: Path) -> None:
-    camera_of(read_object(file), file)
+    camera_of(read_object(file, "a camera"), file)
 
 
 def board(file: Path) -> None:

@@ -98,7 +98,7 @@ def test_the_report_of_a_prediction_holds_everything(
     diagnosis = examine(Capture.of(views))
     page = prediction_report("ball", views, detection(views, grasps, grid), diagnosis)
     reader = read(page)
-    assert len(reader.loaded) == 2 * len(views) + 1
+    assert len(reader.loaded) == 2 * len(views) + 2  # a slice and the legend, too
     for words in ("61,220", "below 0.9 (best 0.83)", "too wide for the gripper", "reconstruct", "2.50"):
         assert words in page
     assert ("10 more in grasps.json" in page) == (count == 40)

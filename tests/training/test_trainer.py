@@ -14,6 +14,7 @@ from safetensors.torch import load_file
 from neugrasp.data import records
 from neugrasp.data.records import write_record
 from neugrasp.errors import InputError
+from neugrasp.long_runs import held
 from neugrasp.model.checkpoint import load_checkpoint
 from neugrasp.training.command import Train
 from neugrasp.training.recipes import RECIPES, configured, recipe
@@ -111,6 +112,22 @@ def test_some_of_the_scenes(data, tmp_path):
     for number in (0, 3):
         with pytest.raises(InputError, match=f"--scenes {number}: --data holds 1 to 2"):
             train(replace(run, out=tmp_path / "other", scenes=number))
+
+
+def test_two_trainings_never_share_a_folder(data, tmp_path):
+    """The second one neither begins nor touches what the first one wrote."""
+    run = Train(recipe="tiny", data=(data,), out=tmp_path / "run", steps=2, validation=(data,))
+    train(run)
+    half_written = run.out / ".state.safetensors.1"
+    half_written.touch()
+    before = {path.name: path.read_bytes() for path in run.out.iterdir() if path.is_file()}
+    with held(run.out, "train"):
+        for resume in (True, False):
+            with pytest.raises(InputError, match="another neugrasp train is writing here; wait for it"):
+                train(replace(run, resume=resume, steps=3))
+    assert {path.name: path.read_bytes() for path in run.out.iterdir() if path.is_file()} == before
+    train(replace(run, resume=True, steps=3))
+    assert not half_written.exists()
 
 
 def test_bfloat16_is_left_where_the_processor_is_slow_at_it(data, tmp_path, monkeypatch):

@@ -5,12 +5,14 @@ from __future__ import annotations
 import shlex
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedTest:
     """Speed of every stage on this machine: of detecting and of training, beside the floor."""
+
+    doing: ClassVar[str] = "measuring, some minutes"
 
     json: Path | None = None
     """A file for all figures."""

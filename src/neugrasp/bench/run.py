@@ -8,6 +8,7 @@ from neugrasp.bench.report import summary, table, write_json
 from neugrasp.errors import InputError
 from neugrasp.model.compute import Compute
 from neugrasp.output import check_file
+from neugrasp.terminal import next_step
 
 
 def run(config: SpeedTest) -> str:
@@ -17,7 +18,10 @@ def run(config: SpeedTest) -> str:
     lines = [table(found)]
     if config.json is not None:
         write_json(config.json, found)
-        lines.append(f"\n{config.json}")
+        lines.append(f"\n{config.json}\nnext: docs/bench.md says what the columns mean")
+    else:
+        again = next_step(*config.command().split()[1:], "--json", "speed.json")
+        lines.append(f"\n{again} keeps the figures")
     return "\n".join(lines)
 
 

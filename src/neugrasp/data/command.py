@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 
 @dataclass(frozen=True)
 class Pack:
     """Packs generated scenes into a few files of at most 60 MB, to be trained on elsewhere."""
+
+    doing: ClassVar[str] = "packing the scenes"
 
     data: tuple[Path, ...]
     """Folders made by `neugrasp generate`."""

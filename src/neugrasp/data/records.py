@@ -162,7 +162,9 @@ def read_record(folder: Path, photos: PhotosWanted = "all", trials: bool = True)
 
 def _read(folder: Path, photos: PhotosWanted, trials: bool) -> Record:
     need_files(folder, FILES)
-    world = scene_from_json((folder / "world.json").read_text(errors="replace"), folder / "world.json")
+    world = scene_from_json(
+        (folder / "world.json").read_text(encoding="utf-8", errors="replace"), folder / "world.json"
+    )
     cell = Fields(str(folder / "cell.json"), read_json(folder / "cell.json", "the work cell")).data
     truth = truth_from_bytes((folder / "truth.npz").read_bytes(), str(folder / "truth.npz"))
     record = Record(
@@ -264,8 +266,10 @@ def _write_files(folder: Path, record: Record) -> None:
     if record.has_photos:
         write_scene(folder, record.views())
         write_scene(folder / "targets", record.target_views())
-    (folder / "world.json").write_text(scene_to_json(record.scene) + "\n")
-    (folder / "cell.json").write_text(json.dumps(record.cell, indent=1, sort_keys=True) + "\n")
+    (folder / "world.json").write_text(scene_to_json(record.scene) + "\n", encoding="utf-8")
+    (folder / "cell.json").write_text(
+        json.dumps(record.cell, indent=1, sort_keys=True) + "\n", encoding="utf-8"
+    )
     (folder / "truth.npz").write_bytes(truth_to_bytes(record))
     (folder / "grasps.npz").write_bytes(labels_to_bytes(record.labels))
     if record.trials is not None:

@@ -18,7 +18,8 @@ from PIL import Image as Picture
 from neugrasp.data.camera_checks import check_intrinsics, check_rigid, check_scene, check_sensed, numbers
 from neugrasp.data.known_keys import refuse_bends, warn_of_unknown
 from neugrasp.data.photo_files import read_image
-from neugrasp.data.user_files import check_name, read_object
+from neugrasp.data.strict_json import read_object
+from neugrasp.data.user_files import check_name
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.workspace import Workspace
@@ -90,7 +91,7 @@ def read_json(file: Path) -> dict[str, Any]:
     """The content of `scene.json`, of a format and version that this program reads."""
     if not file.exists() and not file.is_symlink():
         raise InputError(f"{file}: missing; a scene is a folder with {FILE}, images/ and backgrounds/")
-    data = read_object(file, of="a scene")
+    data = read_object(file, "a scene")
     if data.get("format") != FORMAT:
         raise InputError(f'{file}: not a scene; it must be an object with "format": "{FORMAT}"')
     version = data.get("version")

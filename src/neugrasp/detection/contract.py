@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from neugrasp.data.fields import Fields
 from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.detection import files
+from neugrasp.detection.notebook import as_html, in_short
 from neugrasp.errors import InputError
 from neugrasp.geometry.surface import Surface, surface_of
 from neugrasp.geometry.workspace import Workspace
@@ -59,6 +60,12 @@ class Detection:
         cube = (self.workspace.resolution,) * 3
         if self.tsdf is not None and self.tsdf.shape != cube:
             raise ValueError(f"a surface of shape {self.tsdf.shape}; the workspace has {cube} voxels")
+
+    def __repr__(self) -> str:
+        return in_short(self)
+
+    def _repr_html_(self) -> str:
+        return as_html(self)
 
     def grid(self) -> NDArray[np.float32]:
         """The `tsdf`. Raises `InputError` where the detector has no surface."""

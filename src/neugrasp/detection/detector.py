@@ -70,6 +70,10 @@ class NeuGraspDetector:
         selection = SelectionConfig(threshold=threshold, hand=HandCheck(hand) if hand_check else None)
         return cls(checkpoint.model(), hand, selection, device, precision)
 
+    def __repr__(self) -> str:
+        device = self.compute.device
+        return f"NeuGraspDetector({self.gripper.name}, threshold {self.selection.threshold:g}, {device})"
+
     @torch.no_grad()
     def detect(self, seen: Observation) -> Detection:
         """Surface and ranked grasps, from any number of threads at once.

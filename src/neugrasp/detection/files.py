@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,16 +32,22 @@ HIGHEST = 1.001
 
 def document(grasps: Iterable[Grasp], facts: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """The content of a `grasps.json`: grasps in the world frame, best first, and what else is known."""
+    ordered = sorted(grasps, key=lambda grasp: -grasp.score)
     entries = [
         {
-            "position": [float(x) for x in grasp.position],
-            "quaternion_xyzw": [float(x) for x in to_quaternion(grasp.pose)],
+            "position": grasp.position.tolist(),
+            "quaternion_xyzw": to_quaternion(grasp.pose).tolist(),
             "width": float(grasp.width),
             "score": float(grasp.score),
+            "pregrasp_position": grasp.pregrasp[:3, 3].tolist(),
+            "retreat_position": grasp.retreat[:3, 3].tolist(),
         }
-        for grasp in sorted(grasps, key=lambda grasp: -grasp.score)
+        for grasp in ordered
     ]
-    return {"format": FORMAT, "version": VERSION, "frame": "world", "grasps": entries, **(facts or {})}
+    head: dict[str, Any] = {"format": FORMAT, "version": VERSION, "frame": "world"}
+    if ordered:
+        head["up"] = list(ordered[0].up)
+    return {**head, "grasps": entries, **(facts or {})}
 
 
 def write_grasps(file: Path, grasps: Iterable[Grasp], facts: Mapping[str, Any] | None = None) -> None:
@@ -64,6 +70,8 @@ class GraspList:
     """The folder of the photos."""
     gripper: str | None
     """The name of the gripper that they were found for."""
+    knows_up: bool = True
+    """Whether it says which way is up; where it does not, the grasps take z."""
 
 
 def read_grasp_list(file: Path) -> GraspList:
@@ -71,7 +79,7 @@ def read_grasp_list(file: Path) -> GraspList:
     fields = Fields(str(file), read_json(file, "a list of grasps"))
     grasps = grasps_of(fields)
     scene, gripper = (fields.text(key) if key in fields.data else None for key in ("scene", "gripper"))
-    return GraspList(grasps, scene, gripper)
+    return GraspList(grasps, scene, gripper, knows_up="up" in fields.data)
 
 
 def grasps_of(fields: Fields) -> tuple[Grasp, ...]:
@@ -79,7 +87,8 @@ def grasps_of(fields: Fields) -> tuple[Grasp, ...]:
     fields.expect(FORMAT, VERSION)
     if "frame" in fields.data:
         fields.text("frame", ("world",))
-    return tuple(map(_grasp, fields.each("grasps")))
+    x, y, z = fields.unit("up", 3).tolist() if "up" in fields.data else (0.0, 0.0, 1.0)
+    return tuple(replace(_grasp(entry), up=(x, y, z)) for entry in fields.each("grasps"))
 
 
 def read_grasps(file: Path) -> list[Grasp]:

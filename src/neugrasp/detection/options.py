@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -39,11 +40,17 @@ class Steering:
 
     region: Box | None = None
     """Box in which the point between the fingertips must lie: x, y and z from, x, y and z to, metres."""
+    mask: tuple[int, Path] | None = None
+    """Number of a view and a picture of its photo's size: the point between the fingertips must be seen where
+    that is brighter than half."""
     approach: Cone | None = None
     """Direction x, y, z in which the hand may move to the grasp, and by how many degrees it may deviate:
     0 0 -1 30 is from above."""
     min_height: float | None = None
     """Least height of the point between the fingertips above the table, metres."""
+    one_object: bool = False
+    """Only grasps of one object, that of the best grasp which is left: one object at a time. What touches is
+    one object here."""
     top: int | None = None
     """So many grasps at most, the best."""
 

@@ -2,33 +2,86 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
+from neugrasp.data.photo_files import read_image
 from neugrasp.detection.contract import Detection
 from neugrasp.detection.options import Steering
+from neugrasp.detection.things import nearest, things_in
+from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.grasp import Grasp
+from neugrasp.grasp import Grasp, Grasps
+from neugrasp.observation import Views
 
 
-def steered(detection: Detection, steering: Steering) -> Detection:
-    """The detection with the wanted grasps alone, the others counted by reason."""
+def steered(detection: Detection, steering: Steering, views: Views | None = None) -> Detection:
+    """The detection with the wanted grasps alone, the others counted by reason.
+
+    A mask needs the `views`. Raises `InputError` where it does not belong to one of them, or one object is
+    wanted of a detector without a surface.
+    """
+    is_masked = _masked(steering, views)
     kept, rejected = detection.grasps, dict(detection.rejected)
-    rules = {
-        "outside_the_region": lambda grasp: _is_inside(steering, grasp),
-        "from_another_side": lambda grasp: _is_approached(steering, grasp),
-        "too_low": lambda grasp: _is_high(steering, grasp, detection.workspace),
+
+    def those(is_wanted: Callable[[Grasp], bool]) -> Callable[[Grasps], Grasps]:
+        return lambda grasps: grasps[np.array([is_wanted(grasp) for grasp in grasps], dtype=bool)]
+
+    rules: dict[str, Callable[[Grasps], Grasps]] = {
+        "outside_the_region": those(lambda grasp: _is_inside(steering, grasp)),
+        "outside_the_mask": those(is_masked),
+        "from_another_side": those(lambda grasp: _is_approached(steering, grasp)),
+        "too_low": those(lambda grasp: _is_high(steering, grasp, detection.workspace)),
+        "on_another_object": lambda grasps: _on_one(grasps, detection) if steering.one_object else grasps,
+        "beyond_the_best": lambda grasps: grasps[: steering.top],
     }
-    for reason, is_wanted in rules.items():
-        wanted = kept[np.array([is_wanted(grasp) for grasp in kept], dtype=bool)]
-        if len(wanted) < len(kept):
-            rejected[reason] = len(kept) - len(wanted)
-        kept = wanted
-    if steering.top is not None and len(kept) > steering.top:
-        rejected["beyond_the_best"] = len(kept) - steering.top
-        kept = kept[: steering.top]
+    for reason, wanted in rules.items():
+        left = wanted(kept)
+        if len(left) < len(kept):
+            rejected[reason] = len(kept) - len(left)
+        kept = left
     return replace(detection, grasps=kept, rejected=rejected)
+
+
+def check_mask(steering: Steering, views: Views) -> None:
+    """Raises `InputError` where the mask does not belong to one of the views."""
+    _masked(steering, views)
+
+
+def _on_one(grasps: Grasps, detection: Detection) -> Grasps:
+    """Those of the object that the best one is at."""
+    if len(grasps) < 2:
+        return grasps
+    workspace = detection.workspace
+    things = things_in(detection.grid(), workspace)
+    at = np.array([nearest(things, grasp.position, workspace) for grasp in grasps])
+    return grasps[at == at[0]]
+
+
+def _masked(steering: Steering, views: Views | None) -> Callable[[Grasp], bool]:
+    """Whether a grasp is seen where the mask is bright."""
+    if steering.mask is None:
+        return lambda _: True
+    number, file = steering.mask
+    if views is None or not 0 <= number < len(views):
+        count = 0 if views is None else len(views)
+        raise InputError(f"--mask {number} {file}: there are views 0 to {count - 1}")
+    bright, camera = read_image(file, "--mask").max(axis=2) > 127, views.frames[number].camera
+    if bright.shape != (camera.height, camera.width):
+        raise InputError(
+            f"--mask {number} {file}: {bright.shape[1]} x {bright.shape[0]} pixels; photo {number} has "
+            f"{camera.width} x {camera.height}"
+        )
+
+    def is_masked(grasp: Grasp) -> bool:
+        (column, row), depth = camera.project(grasp.position)
+        column, row = round(float(column)), round(float(row))
+        inside = depth > 0 and 0 <= row < bright.shape[0] and 0 <= column < bright.shape[1]
+        return bool(inside and bright[row, column])
+
+    return is_masked
 
 
 def _is_inside(steering: Steering, grasp: Grasp) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 
 @dataclass(frozen=True)
@@ -13,6 +14,8 @@ class Doctor:
     One line for each item with the measured value and what to do: green, yellow (worse grasps), red (grasps
     fail) or grey (could not be measured). Ends with 1 on red.
     """
+
+    doing: ClassVar[str] = "looking at the photos, some seconds"
 
     scene: Path
     """A scene folder: scene.json, images/, backgrounds/."""

@@ -9,6 +9,7 @@ from neugrasp.doctor.fix import write_fixed
 from neugrasp.doctor.report import report
 from neugrasp.errors import InputError
 from neugrasp.output import whole_file
+from neugrasp.terminal import next_step
 
 
 def run(config: Doctor) -> Verdict:
@@ -24,8 +25,16 @@ def run(config: Doctor) -> Verdict:
     lines = [*diagnosis.lines(), f"\n{config.scene}: {diagnosis.verdict}"]
     if config.report is not None:
         lines.append(str(config.report))
+    good = config.scene if diagnosis.level != Level.RED else None
     if config.fix is not None:
         write_fixed(diagnosis, config.scene, config.fix)
         again = examine_folder(config.fix)
         lines += [f"{config.fix}: {again.verdict}", *again.lines(Level.YELLOW)]
+        good = config.fix if again.level != Level.RED else good
+    if good is not None:
+        lines.append(next_step("predict", good, "--out", f"outputs/{good.resolve().name}"))
+    elif diagnosis.is_mended and config.fix is None:
+        lines.append(next_step("doctor", config.scene, "--fix", f"{config.scene.resolve().name}_fixed"))
+    else:
+        lines.append(next_step("doctor", config.scene, why="when what is red is mended"))
     return Verdict("\n".join(lines), 1 if diagnosis.level == Level.RED else 0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 from neugrasp.detection.options import DetectorOptions
 
@@ -14,6 +14,8 @@ from neugrasp.detection.options import DetectorOptions
 class Evaluate:
     """Clears tables in simulation and counts: SR, FSR, DR and L1, with intervals. Goes on where it
     stopped."""
+
+    doing: ClassVar[str] = "clearing tables, a minute or so each"
 
     out: Path
     """Where metrics.json, attempts.jsonl and rounds/ are written."""
@@ -101,6 +103,8 @@ class Evaluate:
 class Compare:
     """Two evaluations of the same rounds, paired: difference, interval and p."""
 
+    doing: ClassVar[str] = "comparing"
+
     a: Path
     """What `neugrasp evaluate` wrote."""
     b: Path
@@ -111,6 +115,8 @@ class Compare:
 class Failures:
     """At which objects and materials the grasps of an evaluation failed, and why."""
 
+    doing: ClassVar[str] = "looking at what failed"
+
     evaluation: Path
     """What `neugrasp evaluate` wrote."""
     objects: Path | None = None
@@ -120,6 +126,8 @@ class Failures:
 @dataclass(frozen=True)
 class Story:
     """A round of an evaluation as one HTML file: what was seen, what was tried, what came of it."""
+
+    doing: ClassVar[str] = "playing the round again"
 
     evaluation: Path
     """What `neugrasp evaluate` wrote."""
@@ -137,6 +145,8 @@ class Story:
 class Results:
     """The page of results from the metrics.json files of many evaluations."""
 
+    doing: ClassVar[str] = "writing the page"
+
     folder: Path = Path("docs/results")
     """Where NAME.json, or NAME/metrics.json, lie."""
     out: Path = Path("docs/results.md")
@@ -150,6 +160,8 @@ class Validate:
     One attempt from each untouched scene, beside the same grasp head on the true surface and random antipodal
     grasps on it. Goes on where it stopped.
     """
+
+    doing: ClassVar[str] = "reading the scenes"
 
     data: tuple[Path, ...]
     """Folders made by `neugrasp generate`, or of shards packed from them."""

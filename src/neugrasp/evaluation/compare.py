@@ -16,6 +16,7 @@ from neugrasp.evaluation.protocols import protocol_of
 from neugrasp.evaluation.scores import RESAMPLES, first_succeeded
 from neugrasp.evaluation.tables import comparison_table
 from neugrasp.long_runs import CONTENTS
+from neugrasp.terminal import next_step
 
 SAME = ("protocol", "scene", "seed", "objects_sha256", "gripper")
 """What both evaluations must agree in; materials, views and detectors may be what is compared."""
@@ -25,7 +26,7 @@ Counts = NDArray[np.float64]
 
 def run(config: Compare) -> str:
     """`neugrasp compare`: the table of the differences."""
-    return comparison_table(compare(config.a, config.b))
+    return f"{comparison_table(compare(config.a, config.b))}\n{next_step('failures', config.b)}"
 
 
 def compare(a: Path, b: Path) -> dict[str, Any]:

@@ -14,8 +14,10 @@ from neugrasp.evaluation.commands import Failures
 from neugrasp.evaluation.episode import Attempt
 from neugrasp.evaluation.folder import library_of, played, scene_of
 from neugrasp.geometry.workspace import Workspace
+from neugrasp.progress import counted
 from neugrasp.robot.pick import REASONS, SUCCESS
 from neugrasp.simulation.physics import World
+from neugrasp.terminal import next_step
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,9 @@ class Aimed:
 
 def run(config: Failures) -> str:
     """`neugrasp failures`: the table."""
-    return failures_table(aimed_grasps(config.evaluation, config.objects))
+    objects = [] if config.objects is None else ["--objects", config.objects]
+    table = failures_table(aimed_grasps(config.evaluation, config.objects))
+    return f"{table}\n{next_step('story', config.evaluation, 0, *objects)}"
 
 
 def aimed_grasps(evaluation: Path, objects: Path | None = None) -> list[Aimed]:
@@ -41,7 +45,7 @@ def aimed_grasps(evaluation: Path, objects: Path | None = None) -> list[Aimed]:
     """
     with World(Workspace(), library_of(evaluation, objects)) as world:
         attempts = [attempt for episode in played(evaluation) for attempt in episode.attempts]
-        return [_aimed(world, attempt, evaluation) for attempt in attempts]
+        return [_aimed(world, attempt, evaluation) for attempt in counted(attempts, "attempts")]
 
 
 def _aimed(world: World, attempt: Attempt, evaluation: Path) -> Aimed:

@@ -37,9 +37,11 @@ from neugrasp.long_runs import CONTENTS, begun_as, held
 from neugrasp.metrics import CONSTANTS, l1_by_mask, wilson_interval
 from neugrasp.model.checkpoint import find_weights
 from neugrasp.output import naming, write_text
+from neugrasp.progress import counted
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.trials import execute
+from neugrasp.terminal import next_step
 from neugrasp.training.samples import plain_sample
 from neugrasp.training.validation import validate
 
@@ -109,7 +111,9 @@ def oracle_grasps(tsdf: np.ndarray, detector: NeuGraspDetector) -> tuple[Grasp, 
 
 def run(config: Validate) -> str:
     """`neugrasp validate`: the table, and where the numbers are."""
-    return f"{held_out_table(run_held_out(config))}\n\n{config.out / 'held_out.json'}"
+    table = held_out_table(run_held_out(config))
+    then = next_step("evaluate", "--weights", config.weights, "--out", f"{config.out}_rounds")
+    return f"{table}\n\n{config.out / 'held_out.json'}\n{then}"
 
 
 def run_held_out(run: Validate) -> dict[str, Any]:
@@ -146,8 +150,8 @@ def _try_missing(
     path = run.out / "attempts.jsonl"
     finished = _finished(path)
     missing = [record for record in records if record.name not in finished]
-    with World(Workspace(), library, detector.gripper) as world, path.open("a") as file:
-        for index, record in enumerate(missing):
+    with World(Workspace(), library, detector.gripper) as world, path.open("a", encoding="utf-8") as file:
+        for index, record in enumerate(counted(missing, "records")):
             rng = np.random.default_rng([run.seed, zlib.crc32(record.name.encode())])
             lines = [json.dumps(asdict(attempt)) for attempt in attempts_of(record, detector, world, rng)]
             with naming(path):
@@ -166,6 +170,11 @@ def _read_all(folders: tuple[Path, ...]) -> list[Record]:
         raise InputError(f"record {doubled[0]!r} is in two of the folders; names must differ")
     if not records:
         raise InputError("no records to validate on")
+    if blind := [record.name for record in records if not record.has_photos]:
+        raise InputError(
+            f"{len(blind)} of {len(records)} scenes have no photos, {blind[0]} among them; a detector needs "
+            "some: `neugrasp generate` without --no-photos"
+        )
     return records
 
 
@@ -205,7 +214,7 @@ def _finished(path: Path) -> set[str]:
 def _summarise(records: list[Record], detector: NeuGraspDetector, path: Path) -> dict[str, Any]:
     names = {record.name for record in records}
     groups: dict[str, list[dict[str, Any]]] = defaultdict(list)
-    for attempt in map(json.loads, path.read_text().splitlines()):
+    for attempt in map(json.loads, path.read_text(encoding="utf-8").splitlines()):
         if attempt["record"] in names:
             groups[f"{attempt['kind']}/{attempt['detector']}"].append(attempt)
     success = {name: _rate(group) for name, group in sorted(groups.items())}

@@ -61,9 +61,10 @@ PAPER = {
 the released views, and for VGN the depth of a stereo sensor."""
 
 
-def run(config: Results) -> Path:
-    """`neugrasp results`: the page's name."""
-    return write_results(config.folder, config.out)
+def run(config: Results) -> str:
+    """`neugrasp results`: the page's name, and what to do next."""
+    page = write_results(config.folder, config.out)
+    return f"{page}\nnext: docs/benchmark.md says what the columns mean and how a row is made again"
 
 
 def write_results(folder: Path, out: Path) -> Path:

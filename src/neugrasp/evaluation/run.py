@@ -29,16 +29,21 @@ from neugrasp.gripper import Gripper, gripper_hash
 from neugrasp.long_runs import CONTENTS, begun_as, held, source_commit
 from neugrasp.metrics import wilson_interval
 from neugrasp.model.compute import Compute
+from neugrasp.progress import reached
 from neugrasp.simulation.infrared import infrared_renderer
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.renderer import Renderer, RenderSettings
+from neugrasp.terminal import next_step
 
 log = logging.getLogger(__name__)
 
 
 def run(config: Evaluate) -> str:
-    """`neugrasp evaluate`: the table of the whole, and where the numbers are."""
-    return metrics_table(evaluate(config)) + f"\n\n{config.out / 'metrics.json'}"
+    """`neugrasp evaluate`: the table of the whole, where the numbers are, and what to do next."""
+    table = metrics_table(evaluate(config))
+    objects = [] if config.objects is None else ["--objects", config.objects]
+    then = (next_step("failures", config.out, *objects), next_step("story", config.out, 0, *objects))
+    return "\n".join([table, "", str(config.out / "metrics.json"), *then])
 
 
 def evaluate(config: Evaluate, make_photographer: MakePhotographer | None = None) -> dict[str, Any]:
@@ -55,6 +60,7 @@ def evaluate(config: Evaluate, make_photographer: MakePhotographer | None = None
         kept = {episode.index for episode in found if episode.ending != CRASHED}
         missing = [index for index in range(wanted) if index not in kept]
         progress = _Progress(wanted, [e for e in found if e.index in kept])
+        reached("rounds", len(kept), wanted)
         with closing(play_all(config, missing, make_photographer or _photographer_for(config))) as played:
             for episode in played:
                 write_episode(_file(config.out, episode.index), episode)
@@ -136,6 +142,7 @@ class _Progress:
         successes = sum(attempt.success for attempt in attempts)
         low, high = (100 * edge for edge in wilson_interval(successes, len(attempts)))
         rate = self.played / (time.monotonic() - self.start)
+        reached("rounds", len(self.episodes), self.total)
         log.info(
             "%d of %d rounds, SR %.1f %% (%.1f to %.1f), %.0f rounds an hour, %.0f min left",
             len(self.episodes),

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 
 @dataclass(frozen=True)
 class Export:
     """Grasps in the convention of another program (drawn in docs/conventions.md), in the world's frame."""
 
+    doing: ClassVar[str] = "writing the grasps"
+
     grasps: Path
     """A grasps.json of `neugrasp predict`, or the folder that holds it."""
-    format: Literal["graspnet", "vgn", "ros"] = "ros"
+    format: Literal["graspnet", "vgn", "ros", "ur"] = "ros"
     """graspnet: graspnetAPI's and AnyGrasp's rows of 17 numbers, .npy. vgn: VGN's and GIGA's, .csv.
-    ros: PoseStamped dictionaries for MoveIt, .json."""
+    ros: PoseStamped dictionaries for MoveIt, .json. ur: p[x, y, z, rx, ry, rz] of Universal Robots, .json."""
     out: Path | None = None
     """The file to write; by default beside GRASPS, named after the format."""
     gripper: str | None = None
@@ -24,5 +26,5 @@ class Export:
     frame_id: str | None = None
     """For ros: the name of your world in the tree of transforms; by default world."""
     link: Literal["tcp", "hand", "panda_link8"] | None = None
-    """For ros: what the poses are of, the TCP between the pads (by default), the hand's flange, or the last
-    link of the Panda's arm, which MoveIt moves."""
+    """For ros and ur: what the poses are of, the TCP between the pads (by default), the hand's flange, or,
+    for ros, the last link of the Panda's arm, which MoveIt moves."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 DEFAULT_SCENE = "packed_transparent"
 
@@ -17,6 +17,8 @@ class Figure:
     priors: surface and grasps with and without photos of the empty table (Fig. 5).
     trajectory: from where the photos are taken, and the way of the hand to the best grasp and back.
     """
+
+    doing: ClassVar[str] = "drawing, up to a minute"
 
     which: Literal["features", "priors", "trajectory"]
     """The figure to draw."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
-from neugrasp.figures.command import Figure
+from neugrasp.figures.command import DEFAULT_SCENE, Figure
 from neugrasp.figures.features import features_figure
 from neugrasp.figures.priors import priors_figure
 from neugrasp.figures.subject import open_subject
@@ -17,10 +17,11 @@ from neugrasp.figures.trajectory import trajectory_figure
 from neugrasp.observation import Image
 from neugrasp.output import photos_in, whole_file
 from neugrasp.pictures import write_picture
+from neugrasp.terminal import next_step
 
 
 def run(config: Figure) -> str:
-    """`neugrasp figure`: the name of the picture."""
+    """`neugrasp figure`: the name of the picture, and what to do next."""
     if config.without is not None and config.which != "priors":
         raise InputError(f"--without is for the figure priors; {config.which} shows one model")
     out = config.out or Path("outputs/figures") / f"{config.which}.png"
@@ -28,7 +29,9 @@ def run(config: Figure) -> str:
         raise InputError(f"--out {out}: figures are PNG files; give a name that ends with .png")
     with whole_file(out, inputs=photos_in(Path(config.scene))) as part:
         write_picture(part, _drawn(config))
-    return str(out)
+    others = {"features": "priors", "priors": "trajectory", "trajectory": "features"}
+    scene = [] if config.scene == DEFAULT_SCENE else ["--scene", config.scene]
+    return f"{out}\n{next_step('figure', others[config.which], *scene)}"
 
 
 def _drawn(config: Figure) -> Image:

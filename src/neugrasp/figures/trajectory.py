@@ -13,11 +13,10 @@ from neugrasp.figures.sphere import eye_that_sees, from_spherical, spherical, wa
 from neugrasp.figures.subject import Subject
 from neugrasp.geometry.pose import Array, apply, inverse
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.grasp import Grasp
+from neugrasp.grasp import APPROACH, Grasp
 from neugrasp.gripper import Gripper
 from neugrasp.observation import Image, View
 from neugrasp.pictures import Tile, contact_sheet, photo_of_workspace, shade_surface
-from neugrasp.robot.pick import APPROACH, retreat
 
 SIZE = (620, 560)
 """Width and height of a picture."""
@@ -113,10 +112,9 @@ def hand_picture(
 
 def hand_stages(grasp: Grasp, gripper: Gripper) -> list[tuple[Grasp, Colour]]:
     """The hand open before the grasp, after the retreat, and at it, as `robot.pick` leads it."""
-    end = grasp.pose.copy()
-    end[:3, 3] = retreat(grasp, np.array([0.0, 0.0, 1.0]))
-    before = replace(grasp.advanced(-APPROACH), width=gripper.max_opening)
-    return [(before, BEFORE), (replace(grasp, pose=end), AFTER), (grasp, AT)]
+    before = replace(grasp, pose=grasp.pregrasp, width=gripper.max_opening)
+    after = replace(grasp, pose=replace(grasp, up=(0.0, 0.0, 1.0)).retreat)
+    return [(before, BEFORE), (after, AFTER), (grasp, AT)]
 
 
 def _best_side(flat: Array, toward: float) -> tuple[float, float]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 
 @dataclass(frozen=True, kw_only=True)
 class Import:
     """Photos and cameras of other programs in, a scene folder out: whole, or nothing (docs/capture.md)."""
+
+    doing: ClassVar[str] = "reading photos and cameras"
 
     format: Literal["nerfstudio", "colmap", "robot", "board"]
     """nerfstudio: transforms.json, also of instant-ngp. colmap: a model, text or binary. robot: robot.json
@@ -33,6 +35,8 @@ class Import:
 @dataclass(frozen=True)
 class PrintBoard:
     """The board to print and lay on the table, as PDF or PNG, in its true size."""
+
+    doing: ClassVar[str] = "drawing the board"
 
     out: Path = Path("board.pdf")
     """The file to write, .pdf or .png."""

@@ -27,6 +27,7 @@ from neugrasp.importers.robot_poses import read_robot
 from neugrasp.importers.shots import Listed, Shot, scene_of
 from neugrasp.importers.upright import settled
 from neugrasp.observation import Views
+from neugrasp.terminal import next_step
 
 Format = Literal["nerfstudio", "colmap", "robot", "board"]
 
@@ -50,7 +51,7 @@ def import_scene(run: Import) -> Views:
 def run(config: Import) -> str:
     """`neugrasp import`: how many views the new scene has, and what to do next."""
     views = import_scene(config)
-    return f"{len(views)} views in {config.out}; check them with: neugrasp doctor {config.out}"
+    return f"{len(views)} views in {config.out}\n{next_step('doctor', config.out)}"
 
 
 def _board_scene(run: Import, photos: Photos) -> Views:

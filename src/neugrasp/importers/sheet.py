@@ -15,6 +15,7 @@ from neugrasp.importers.board_file import read_board
 from neugrasp.importers.command import PrintBoard
 from neugrasp.importers.markers import picture_of
 from neugrasp.observation import Image
+from neugrasp.terminal import next_step
 
 Paper = Literal["a4", "letter", "a3"]
 PAPERS: dict[Paper, tuple[float, float]] = {
@@ -52,7 +53,11 @@ def write_sheet(file: Path, board: Board, paper: Paper) -> None:
 def run(config: PrintBoard) -> str:
     """`neugrasp board`: the file's name and how to print it."""
     write_sheet(config.out, read_board(config.board), config.paper)
-    return f"{config.out}: print at 100 % (not: fit to page), then measure the line of 100 mm"
+    board = [] if config.board == "default" else ["--board", config.board]
+    return (
+        f"{config.out}: print at 100 % (not: fit to page), then measure the line of 100 mm and take photos "
+        f"of the table with it\n{next_step('import', 'board', 'PHOTOS', *board, '--out', 'my_scene')}"
+    )
 
 
 def sheet(board: Board, paper: Paper) -> Image:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from neugrasp.data.photo_files import orientation, read_image
+from neugrasp.data.photo_files import OTHER_FOCAL, photo_tags, read_image
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array, rigid
@@ -113,13 +113,23 @@ def _view(shot: Shot, pair: Pair, workspace: Workspace) -> View:
 
 def _photo(file: Path, shot: Shot) -> Image:
     photo = read_image(file, shot.name)
-    if lies := orientation(file, shot.name):
+    tags = photo_tags(file, shot.name)
+    if tags.lies:
         logger.warning(
             "%s: EXIF orientation: the photo is stored %s. Pixels are read as they are stored, while OpenCV "
             "and most viewers turn them: the intrinsics must be those of the stored pixels. If they are not, "
             "store photos and backgrounds upright without the tag (`exiftran -ai`) and import again",
             file,
-            lies,
+            tags.lies,
+        )
+    ratio = (tags.focal_pixels or shot.lens.intrinsics[0, 0]) / shot.lens.intrinsics[0, 0]
+    if not 1 / OTHER_FOCAL <= ratio <= OTHER_FOCAL:
+        logger.warning(
+            "%s: EXIF focal length: the photo was taken at %g mm (of 35 mm film), %.2f times the focal "
+            "length of its camera's calibration. Calibrate at the lens and the zoom of the photos",
+            file,
+            tags.focal_35mm,
+            ratio,
         )
     height, width = photo.shape[:2]
     if (width, height) != (shot.lens.width, shot.lens.height):

@@ -14,6 +14,7 @@ from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
 from neugrasp.observation import Image, View, Views
 from neugrasp.pictures.overlay import draw_grasps, photo_of_workspace
+from neugrasp.pictures.score_scale import score_legend
 from neugrasp.pictures.shading import free_where_unseen, shade_surface
 from neugrasp.pictures.sheet import Tile, contact_sheet
 
@@ -24,16 +25,18 @@ DRAWN = 5
 
 
 def overlay_sheet(views: Views, grasps: Sequence[Grasp], gripper: Gripper) -> Image:
-    """Every photo, cut to the workspace, with the best grasps (world frame, best first)."""
+    """Every photo, cut to the workspace, with the best grasps (world frame, best first), numbered from 1, and
+    what their colours mean."""
     best = list(grasps[:DRAWN])
     if best:
-        scores = ", ".join(f"{grasp.score:.2f}" for grasp in best)
-        title = f"{len(best)} best of {len(grasps)} grasps, green first; scores {scores}"
+        scores = ", ".join(f"{number}: {grasp.score:.2f}" for number, grasp in enumerate(best, 1))
+        title = f"{len(best)} best of {len(grasps)} grasps; scores {scores}"
     else:
         title = "no grasps"
     photos = [photo_of_workspace(view, views.workspace, PHOTO_SIZE) for view in views.frames]
     tiles = [Tile(draw_grasps(photo, best, gripper, 1), f"view {i}") for i, photo in enumerate(photos)]
-    return contact_sheet(tiles, columns=2 if len(tiles) <= 4 else 4, title=title)
+    legend = score_legend() if best else None
+    return contact_sheet(tiles, columns=2 if len(tiles) <= 4 else 4, title=title, legend=legend)
 
 
 def surface_sheet(views: Views, tsdf: ArrayLike, truth: ArrayLike | None = None) -> Image:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 from neugrasp.detection.options import Steering
 
@@ -13,6 +13,8 @@ from neugrasp.detection.options import Steering
 class Predict:
     """Photos of a scene in; grasps.json, surface.ply, tsdf.npz and overlay.png out. The doctor takes a quick
     look first; on red nothing is predicted."""
+
+    doing: ClassVar[str] = "looking at the photos, then predicting, some seconds"
 
     scene: Path
     """A scene folder: scene.json, images/, backgrounds/ (docs/data_format.md)."""
@@ -44,6 +46,8 @@ class Predict:
 @dataclass(frozen=True)
 class DataSheet:
     """Describes generated scenes: counts, balance of labels and materials, pictures."""
+
+    doing: ClassVar[str] = "reading the scenes"
 
     data: tuple[Path, ...]
     """Folders made by `neugrasp generate`, or of shards packed from them; each has a column."""

@@ -17,8 +17,10 @@ from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.observation import Image
 from neugrasp.pictures import Tile, contact_sheet, write_picture
+from neugrasp.progress import counted
 from neugrasp.report.command import DataSheet
-from neugrasp.training.dataset import read_records
+from neugrasp.terminal import next_step
+from neugrasp.training.dataset import open_records
 
 TEXT, SCENES, BALANCE = "data_sheet.md", "scenes.jpg", "balance.png"
 NUM_SCENES = 3
@@ -79,9 +81,10 @@ class Counts:
             self.angles += np.degrees(np.arccos(np.clip(-approach[:, 2], -1, 1))).tolist()
 
 
-def run(config: DataSheet) -> Path:
-    """`neugrasp datasheet`: the sheet's name."""
-    return write_data_sheet(config.data, config.out)
+def run(config: DataSheet) -> str:
+    """`neugrasp datasheet`: the sheet's name, and what to do next."""
+    sheet = write_data_sheet(config.data, config.out)
+    return f"{sheet}\n{next_step('train', '--data', *config.data, '--out', 'runs/mine')}"
 
 
 def write_data_sheet(folders: Sequence[Path], out: Path) -> Path:
@@ -95,7 +98,9 @@ def write_data_sheet(folders: Sequence[Path], out: Path) -> Path:
         for folder in folders:
             mine = counts.setdefault(_name(folder, counts), Counts())
             shown = 0
-            for record in read_records(folder):
+            records = open_records(folder)
+            for index in counted(range(len(records)), "scenes"):
+                record = records.read(index, trials=False)
                 mine.add(record)
                 if record.has_photos and shown < NUM_SCENES:
                     tiles += _pictures(record)

@@ -11,37 +11,54 @@ from neugrasp.detection.explanation import explain
 from neugrasp.detection.files import FILES
 from neugrasp.detection.options import DetectorOptions
 from neugrasp.detection.registry import PHOTOS, detector_spec
-from neugrasp.detection.steering import steered
+from neugrasp.detection.steering import check_mask, steered
 from neugrasp.doctor.examination import Diagnosis, examine_read
 from neugrasp.doctor.findings import Level
 from neugrasp.errors import InputError
 from neugrasp.observation import Observation
+from neugrasp.progress import reached
 from neugrasp.report.command import Predict
 from neugrasp.report.prediction import prediction_report
+from neugrasp.terminal import next_step
 
 logger = logging.getLogger(__name__)
+STEPS = 5
+"""Reading, examining, loading the weights, detecting, writing."""
 
 
 def predict(run: Predict) -> str:
-    """How many grasps, or why none, and the names of the files written.
+    """How many grasps, or why none, the doctor's word, the files written, and what to do next.
 
     Raises `InputError` where the doctor finds the capture unusable, with what to do.
     """
     with whole_or_nothing(run.out, FILES) as part:
+        reached("steps", 0, STEPS)
         views = read_scene(run.scene)
+        check_mask(run.steering, views)
+        reached("steps", 1, STEPS)
         diagnosis = examine_read(views, run.examine)
         _check(run, diagnosis)
-        detection = steered(_detector(run).detect(views), run.steering)
+        reached("steps", 2, STEPS)
+        detector = _detector(run)
+        reached("steps", 3, STEPS)
+        detection = steered(detector.detect(views), run.steering, views)
+        reached("steps", 4, STEPS)
         detection.write(part, views)
         if run.report:
             document = prediction_report(run.scene.name, views, detection, diagnosis)
             (part / "report.html").write_text(document, encoding="utf-8")
         names = [name for name in FILES if (part / name).is_file()]
+        reached("steps", STEPS, STEPS)
     if detection.grasps:
         first = f"{len(detection.grasps)} grasps, the best with score {detection.grasps[0].score:.2f}"
     else:
         first = f"no grasps: {explain(detection)}"
-    return "\n".join([first, *(str(run.out / name) for name in names)])
+    look = "the doctor" if run.examine else "the doctor's quick look"
+    files = [str(run.out / name) for name in names]
+    then = [next_step("view", run.out)]
+    if detection.grasps:
+        then.append(next_step("export", run.out))
+    return "\n".join([first, f"{look}: {diagnosis.verdict}", *files, *then])
 
 
 def _detector(run: Predict) -> Detector[Observation]:

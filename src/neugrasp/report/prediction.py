@@ -14,8 +14,8 @@ from neugrasp.doctor.findings import Level
 from neugrasp.doctor.report import findings_table
 from neugrasp.grasp import Grasp
 from neugrasp.observation import Image, Views
-from neugrasp.pictures import draw_grasps, photo_of_workspace, shade_surface, slice_picture
-from neugrasp.pictures.page import badge, page, pictures, section, table, text
+from neugrasp.pictures import draw_grasps, photo_of_workspace, score_legend, shade_surface, slice_picture
+from neugrasp.pictures.page import badge, data_uri, page, pictures, section, table, text
 from neugrasp.report.scene_3d import scene_3d
 
 DRAWN = 5
@@ -34,7 +34,7 @@ def prediction_report(name: str, views: Views, detection: Detection, diagnosis: 
         lead = "No grasps. "
     lead += f"Candidates: {explain(detection)}."
     grasps = detection.grasps
-    sections = [section("Photos with the best grasps", pictures(_photos(views, detection), 420))]
+    sections = [section("Photos with the best grasps", pictures(_photos(views, detection), 420), _legend())]
     if detection.tsdf is not None:
         scene = scene_3d(views, detection.tsdf, grasps, gripper)
         sections.append(section("Surface, cameras and grasps", scene))
@@ -52,10 +52,14 @@ def prediction_report(name: str, views: Views, detection: Detection, diagnosis: 
     return page(f"Prediction for {name}", lead, sections)
 
 
+def _legend() -> str:
+    return f'<p><img alt="colours of scores from 0.5 to 1" src="{data_uri(score_legend())}"></p>'
+
+
 def _photos(views: Views, detection: Detection) -> list[tuple[Image, str]]:
     best = detection.grasps[:DRAWN]
     crops = [photo_of_workspace(view, views.workspace, 640) for view in views.frames]
-    what = f"the {len(best)} best grasps, green first" if best else "no grasps"
+    what = f"the {len(best)} best grasps, 1 the best" if best else "no grasps"
     return [
         (draw_grasps(crop, best, detection.gripper, 1), f"view {i}: {what}") for i, crop in enumerate(crops)
     ]
@@ -72,15 +76,15 @@ def _surfaces(views: Views, tsdf: NDArray[np.float32]) -> list[tuple[Image, str]
 def _grasp_table(grasps: Sequence[Grasp]) -> str:
     rows = [
         (
-            str(rank),
+            str(number),
             f"{grasp.score:.3f}",
             f"{grasp.width * 1000:.0f}",
             " ".join(f"{x:+.4f}" for x in grasp.position),
             " ".join(f"{x:+.2f}" for x in grasp.approach),
         )
-        for rank, grasp in enumerate(grasps[:LISTED])
+        for number, grasp in enumerate(grasps[:LISTED], 1)
     ]
-    head = ("rank", "score", "width [mm]", "TCP in the world [m]", "approach")
+    head = ("number", "score", "width [mm]", "TCP in the world [m]", "approach")
     more = len(grasps) - len(rows)
     note = f"<p>{more} more in grasps.json.</p>" if more > 0 else ""
     return f'<div id="grasps">{table(head, rows, numeric=(0, 1, 2))}</div>{note}' if rows else "<p>None.</p>"

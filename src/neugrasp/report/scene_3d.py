@@ -16,6 +16,7 @@ from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
 from neugrasp.observation import View, Views
+from neugrasp.pictures.score_scale import colour_of_score
 
 MOST_GRASPS = 30
 """Wireframes in the picture; the best ones."""
@@ -39,9 +40,10 @@ def scene_3d(views: Views, tsdf: ArrayLike, grasps: Sequence[Grasp], gripper: Gr
                 "lines": apply(workspace_from_world @ grasp.pose, gripper.wireframe(grasp.width))
                 .round(4)
                 .tolist(),
-                "score": round(grasp.score, 3),
+                "number": number,
+                "colour": "rgb({}, {}, {})".format(*colour_of_score(grasp.score)),
             }
-            for grasp in grasps[:MOST_GRASPS]
+            for number, grasp in enumerate(grasps[:MOST_GRASPS], 1)
         ],
         "azimuth": _azimuth(views, workspace_from_world),
         "centre": [workspace.size / 2, workspace.size / 2, workspace.table_height + 0.03],
@@ -49,7 +51,7 @@ def scene_3d(views: Views, tsdf: ArrayLike, grasps: Sequence[Grasp], gripper: Gr
     script = (resources.files("neugrasp.report") / "scene_3d.js").read_text(encoding="utf-8")
     return (
         '<canvas id="scene" style="width:100%;height:520px;cursor:grab;touch-action:none"></canvas>\n'
-        "<p class='remedy'>Drag to turn, wheel to come nearer, click a row of the table for one grasp.</p>\n"
+        "<p class='remedy'>Drag to rotate, scroll to zoom, click a row of the table for one grasp.</p>\n"
         f'<script id="scene-data" type="application/json">{json.dumps(data)}</script>\n'
         f"<script>\n{script}</script>"
     )

@@ -2,19 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-import numpy as np
+from dataclasses import dataclass, replace
 
 from neugrasp.geometry.pose import Array
 from neugrasp.grasp import Grasp
 from neugrasp.robot.interface import Arm, Gripper
-
-APPROACH = 0.05
-"""Metres from the pre-grasp to the grasp."""
-RETREAT = 0.10
-SIDE_GRASP = np.pi / 3
-"""From this angle between the approach and straight down on, the hand retreats upwards."""
 
 SUCCESS = "success"
 COLLISION = "collision on the way"
@@ -48,12 +40,14 @@ def pick(arm: Arm, gripper: Gripper, grasp: Grasp, min_opening: float, up: Array
     `min_opening` metres between the pads after the retreat. `up` is the unit vector away from the table.
     """
     gripper.open()
-    if not arm.go_to(grasp.advanced(-APPROACH).pose):
+    x, y, z = up.tolist()
+    grasp = replace(grasp, up=(x, y, z))
+    if not arm.go_to(grasp.pregrasp):
         return _failed(arm, gripper, COLLISION, touched=True)
     touched = arm.move_straight(grasp.position, stop_on_contact=True)
     gripper.close()
     is_empty = gripper.opening() <= min_opening
-    arm.move_straight(retreat(grasp, up), stop_on_contact=False)
+    arm.move_straight(grasp.retreat[:3, 3], stop_on_contact=False)
     if is_empty:
         return _failed(arm, gripper, COLLISION if touched else NOTHING_HELD, touched)
     if gripper.opening() <= min_opening or not gripper.holds():
@@ -61,14 +55,6 @@ def pick(arm: Arm, gripper: Gripper, grasp: Grasp, min_opening: float, up: Array
     opening = gripper.opening()
     arm.deliver()
     return Pick(SUCCESS, opening, touched)
-
-
-def retreat(grasp: Grasp, up: Array) -> Array:
-    """Straight up after a grasp from the side, else back along the approach."""
-    if np.arccos(np.clip(-grasp.approach @ up, -1, 1)) > SIDE_GRASP:
-        position: Array = grasp.position + RETREAT * up
-        return position
-    return grasp.advanced(-RETREAT).position
 
 
 def _failed(arm: Arm, gripper: Gripper, reason: str, touched: bool) -> Pick:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 
 @dataclass(frozen=True, kw_only=True)
 class Generate:
     """Simulated scenes with photos, labelled grasps and ground truth. Goes on where it stopped."""
+
+    doing: ClassVar[str] = "making scenes, up to a minute each"
 
     out: Path
     """Where the scenes are written."""

@@ -25,11 +25,13 @@ from neugrasp.geometry.view_sets import VIEW_SETS
 from neugrasp.gripper import Gripper, gripper_hash
 from neugrasp.long_runs import CONTENTS, begun_as, end_with, held, lock, unlock
 from neugrasp.output import write_text
+from neugrasp.progress import reached
 from neugrasp.simulation.cell_photos import Photographer
 from neugrasp.simulation.command import Generate
 from neugrasp.simulation.objects import KINDS, SPLITS, ObjectLibrary
 from neugrasp.simulation.renderer import Renderer, RenderSettings
 from neugrasp.simulation.studio import TARGETS_PER_CELL, TARGETS_PER_SCENE, Studio
+from neugrasp.terminal import next_step
 
 MakePhotographer = Callable[[int], AbstractContextManager[Photographer | None]]
 """Number of threads -> a photographer to be used in a with statement."""
@@ -52,6 +54,7 @@ def generate(config: Generate, make_photographer: MakePhotographer | None = None
         missing = [index for index, folder in enumerate(folders) if not folder.is_dir()]
         progress = _Progress(total=config.num, done=config.num - len(missing))
         if missing:
+            reached("scenes", progress.done, progress.total)
             photographer = make_photographer or _renderer_of(config)
             _make_all(config, missing, photographer if config.photos else _nobody, progress)
             progress.write(config.out / "timing.json")
@@ -59,10 +62,12 @@ def generate(config: Generate, make_photographer: MakePhotographer | None = None
 
 
 def run(config: Generate) -> str:
-    """`neugrasp generate`: how many scenes there are, and what they are for."""
-    generate(config)
-    then = f"train on them with: neugrasp train --data {config.out} --out DIR"
-    return f"{config.num} scenes in {config.out}; {then}"
+    """`neugrasp generate`: how many scenes there are, and what to do next."""
+    folders = generate(config)
+    recipe = [] if config.photos else ["--recipe", "head"]
+    then = next_step("train", *recipe, "--data", config.out, "--out", "runs/mine")
+    sheet = next_step("datasheet", "--data", config.out, "--out", config.out / "sheet")
+    return f"{len(folders)} scenes in {config.out}\n{sheet}\n{then}"
 
 
 def _renderer_of(config: Generate) -> MakePhotographer:
@@ -130,7 +135,7 @@ def _describe(config: Generate, library: ObjectLibrary) -> None:
 @contextmanager
 def _only_one(out: Path) -> Iterator[None]:
     """Holds `out` for this process. Waits for workers that outlive a killed run by a moment."""
-    with held(out, "generate"), (out / ".lock-workers").open("w") as workers:
+    with held(out, "generate"), (out / ".lock-workers").open("w", encoding="utf-8") as workers:
         lock(workers, waits=True)
         unlock(workers)
         yield
@@ -153,6 +158,7 @@ class _Progress:
             self.seconds[stage] += spent
         rate = self.made / (time.monotonic() - self.start)
         left = (self.total - self.done) / rate / 60
+        reached("scenes", self.done, self.total)
         logger.info("%d of %d scenes, %.0f an hour, %.0f min left", self.done, self.total, rate * 3600, left)
 
     def write(self, path: Path) -> None:
@@ -243,7 +249,7 @@ def _start_worker(
     parent: int,
 ) -> None:
     worker = _Worker(config, make_photographer, threads, finished)
-    file = worker.closing.enter_context((config.out / ".lock-workers").open("w"))
+    file = worker.closing.enter_context((config.out / ".lock-workers").open("w", encoding="utf-8"))
     lock(file, shared=True, waits=True)
     end_with(parent)
     Finalize(None, worker.closing.close, exitpriority=10)

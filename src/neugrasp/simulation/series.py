@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from scipy.spatial.transform import Rotation
 
 from neugrasp.geometry.pose import Array
-from neugrasp.grasp import Grasp
+from neugrasp.grasp import APPROACH, Grasp
 from neugrasp.simulation.frozen import BodyPose, Freezer
-from neugrasp.simulation.hand import APPROACH, STEPS_PER_MOVE
+from neugrasp.simulation.hand import STEPS_PER_MOVE
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.trials import (
     AT_PREGRASP,

@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-
-import numpy as np
+from dataclasses import dataclass, replace
 
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array
 from neugrasp.grasp import Grasp
-from neugrasp.simulation.hand import APPROACH
 from neugrasp.simulation.physics import World
 
 RULES = {"paper": 0.05, "vgn": 0.1}
 """Share of the largest opening that must remain between the fingers after the retreat."""
-RETREAT = 0.10
-SIDE_GRASP = np.pi / 3
-"""From this angle between the approach and straight down on, the hand retreats upwards."""
 
 SUCCESS = "success"
 AT_PREGRASP = "collision at the pre-grasp"
@@ -48,7 +42,7 @@ def execute(world: World, grasp: Grasp, rule: str = "paper", allow_contact: bool
     """
     check_rule(rule)
     hand = world.hand()
-    hand.place(grasp.advanced(-APPROACH).pose)
+    hand.place(grasp.pregrasp)
     world.detect_collisions()
     if hand.touches():
         return failure(world, AT_PREGRASP)
@@ -59,10 +53,8 @@ def execute(world: World, grasp: Grasp, rule: str = "paper", allow_contact: bool
 
 
 def end_of_retreat(grasp: Grasp) -> Array:
-    """Where the TCP goes with what it holds."""
-    if np.arccos(np.clip(-grasp.approach[2], -1, 1)) > SIDE_GRASP:
-        return grasp.position + np.array([0, 0, RETREAT])
-    return grasp.advanced(-RETREAT).position
+    """Where the TCP goes with what it holds, in a world whose z is up."""
+    return replace(grasp, up=(0.0, 0.0, 1.0)).retreat[:3, 3]
 
 
 def check_rule(rule: str) -> None:

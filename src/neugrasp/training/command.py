@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -14,6 +14,8 @@ class Train:
     Every value of the recipe is an option, too (src/neugrasp/training/config.py): --optimiser.learning-rate
     3e-4, --weights.eikonal 0.2, --rays 512.
     """
+
+    doing: ClassVar[str] = "reading the data, then training"
 
     data: tuple[Path, ...]
     """Folders made by `neugrasp generate`, or of shards packed from them."""

@@ -58,7 +58,7 @@ class JsonLines:
     def __init__(self, folder: Path, start: int):
         self.path = folder / "log.jsonl"
         self._drop_from(start)
-        self._file = self.path.open("a")
+        self._file = self.path.open("a", encoding="utf-8")
 
     def write(self, step: int, group: str, numbers: Mapping[str, float]) -> None:
         """One line; the numbers of a validation have a name of their own in it."""
@@ -74,14 +74,14 @@ class JsonLines:
         if not self.path.is_file():
             return
         kept = []
-        for line in self.path.read_text().splitlines():
+        for line in self.path.read_text(encoding="utf-8").splitlines():
             try:
                 if json.loads(line)["step"] < start:
                     kept.append(line)
             except (json.JSONDecodeError, KeyError):
                 continue
         temporary = self.path.with_suffix(".tmp")
-        temporary.write_text("".join(line + "\n" for line in kept))
+        temporary.write_text("".join(line + "\n" for line in kept), encoding="utf-8")
         temporary.replace(self.path)
 
 

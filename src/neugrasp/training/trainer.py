@@ -22,6 +22,8 @@ from neugrasp.long_runs import held, source_commit
 from neugrasp.model.checkpoint import load_checkpoint, save_checkpoint
 from neugrasp.model.compute import Compute
 from neugrasp.model.network import NeuGrasp
+from neugrasp.progress import reached
+from neugrasp.terminal import next_step
 from neugrasp.training.command import Train
 from neugrasp.training.config import TrainConfig
 from neugrasp.training.dataset import Batch, Records, Scenes, Steps, identity_of, loader, open_records
@@ -44,7 +46,7 @@ HELD_OUT = 20
 def run(options: Train, config: TrainConfig | None = None) -> str:
     """`neugrasp train`: the path of the weights, and what to do with them."""
     weights = train(options, config=config)
-    return f"{weights}; try them with: neugrasp evaluate --weights {weights} --split train --out DIR"
+    return f"{weights}\n{next_step('predict', 'MY_SCENE', '--weights', weights, '--out', 'out')}"
 
 
 def train(run: Train, stop_after: int | None = None, config: TrainConfig | None = None) -> Path:
@@ -53,8 +55,10 @@ def train(run: Train, stop_after: int | None = None, config: TrainConfig | None 
     Without a `config`, that of the run's recipe. Raises `InputError` where data, configuration or an earlier
     run in `out` do not fit, or another process trains there.
     """
-    _check_out(run)
-    with held(run.out, "train") if int(os.environ.get("RANK", "0")) == 0 else nullcontext():
+    # Of the processes that torchrun started, the first one writes.
+    leads = os.environ.get("RANK", "0") == "0"
+    with held(run.out, "train") if leads else nullcontext():
+        _check_out(run)
         return _trained(run, config or configured(run), stop_after)
 
 
@@ -110,6 +114,7 @@ def _train(this: _Run, scenes: Scenes, start: int, last: int) -> None:
             losses = _step(module, learner, batch.to(ranks.device), config, step)
             if records is None:
                 continue
+            reached("steps", step + 1, config.steps)
             records.step(step, losses, config.learning_rate_at(step))
             done = step + 1
             if this.held_out and (done % config.validate_every == 0 or done == config.steps):

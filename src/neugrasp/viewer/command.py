@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 
 @dataclass(frozen=True)
@@ -13,6 +13,8 @@ class Viewer:
 
     Needs the extra `view`: pip install 'neugrasp[view]'.
     """
+
+    doing: ClassVar[str] = "reading what is to be seen"
 
     path: Path
     """A scene folder, what `neugrasp predict` or `demo` wrote, or what `neugrasp evaluate` wrote."""
@@ -44,5 +46,5 @@ class Viewer:
     """The Chromium or Chrome to take pictures with; by default the first one found."""
     host: str = "127.0.0.1"
     """Where to listen; 0.0.0.0 lets other machines look, too."""
-    port: int = 8080
-    """The next free one is taken where it is in use."""
+    port: int | None = None
+    """Where to listen, from 1024 to 65535; 0: any free one. By default the first free one from 8080 on."""

@@ -27,6 +27,8 @@ class Candidate:
     """Whether it held, where it was carried out."""
     note: str = ""
     """What else there is to say of it."""
+    number: int | None = None
+    """Its place in grasps.json, from 1, where it comes from one."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -67,7 +67,9 @@ def prediction_contents(folder: Path, choices: Choices) -> Contents:
             "prediction was made from: --scene DIR"
         )
     workspace_from_world = inverse(workspace.world_from_workspace)
-    candidates = tuple(Candidate(grasp.moved(workspace_from_world)) for grasp in grasps)
+    candidates = tuple(
+        Candidate(grasp.moved(workspace_from_world), number=number) for number, grasp in enumerate(grasps, 1)
+    )
     best = f", the best with score {grasps[0].score:.2f}" if grasps else ""
     moment = Moment(f"{len(grasps)} grasps{best}", tsdf, candidates)
     empty = Contents(folder.resolve().name, workspace, gripper)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from neugrasp.errors import InputError
+from neugrasp.terminal import next_step
 from neugrasp.viewer.command import Viewer
+from neugrasp.viewer.door import free_port
 from neugrasp.viewer.opening import open_contents
 from neugrasp.viewer.settings import Settings
 from neugrasp.viewer.show import serve, take_picture
@@ -11,8 +12,7 @@ from neugrasp.viewer.show import serve, take_picture
 
 def run(config: Viewer) -> str | None:
     """`neugrasp view`: the name of the picture, or nothing after the viewer was ended with Ctrl-C."""
-    if not 0 <= config.port < 2**16:
-        raise InputError(f"--port {config.port}: must be from 0 to 65535")
+    free_port(config.host, config.port)  # Known before the work.
     contents = open_contents(config)
     settings = Settings(
         moment=config.moment,
@@ -23,6 +23,6 @@ def run(config: Viewer) -> str | None:
     ).suited_to(contents)
     if config.screenshot is not None:
         take_picture(config, contents, settings)
-        return str(config.screenshot)
+        return f"{config.screenshot}\n{next_step('view', config.path, why='to turn it in the browser')}"
     serve(config, contents, settings)
     return None
