@@ -105,9 +105,7 @@ class Tags:
 
 def photo_tags(file: Path, where: str) -> Tags:
     """The tags of a photo, which is not decoded. Raises like `read_image`."""
-    with _opened(file, where) as picture, warnings.catch_warnings():
-        # Damaged tags are no tags; Pillow says so at length.
-        warnings.simplefilter("ignore", UserWarning)
+    with _opened(file, where) as picture:
         exif = picture.getexif()
         value, details, size = exif.get(ORIENTATION_TAG, 1), exif.get_ifd(DETAILS), picture.size
     lies = None if value in (0, 1) else AS_STORED.get(value, f"tagged {str(value)[:20]!r}")
@@ -134,12 +132,12 @@ def _opened(file: Path, where: str) -> Iterator[Picture.Image]:
     try:
         check_regular(file)
         with warnings.catch_warnings():
-            # Pillow warns from 89 megapixels on; the limit here is our own.
+            # Pillow warns from 89 megapixels on; the limit here is our own. Damaged tags are no tags to us.
             warnings.simplefilter("ignore", Picture.DecompressionBombWarning)
-            picture = Picture.open(file, formats=FORMATS)
-        with picture:
-            _check_size(picture, file, where)
-            yield picture
+            warnings.simplefilter("ignore", UserWarning)
+            with Picture.open(file, formats=FORMATS) as picture:
+                _check_size(picture, file, where)
+                yield picture
     except FileNotFoundError:
         raise InputError(f"{file}: missing; {where} names it") from None
     except InputError:
