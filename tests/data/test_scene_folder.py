@@ -183,8 +183,11 @@ MISTAKES: dict[str, tuple[Edit, str]] = {
     ),
     "no version": (lambda data: data.pop("version"), "unknown scene version None"),
     "no workspace": (lambda data: data.pop("workspace"), "'workspace' must be an object"),
-    "size in millimetres": (workspace(size=300), "300 m .that looks like millimetres.; it must be 0.30 m"),
-    "other size": (workspace(size=0.5), "workspace size 0.5 m; it must be 0.30 m"),
+    "size in millimetres": (
+        workspace(size=300),
+        "300 m .that looks like millimetres.; it must be the edge of the cube in metres, for .* 0.30",
+    ),
+    "other size": (workspace(size=5), "workspace size 5 m; it must be the edge"),
     "workspace scaled": (
         workspace(world_from_workspace=np.diag([2.0, 2, 2, 1]).tolist()),
         "world_from_workspace: not a rigid transform: it scales by 2",

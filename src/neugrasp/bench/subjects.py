@@ -12,7 +12,6 @@ from neugrasp.change import change_labels
 from neugrasp.data.scene_folder import read_scene
 from neugrasp.demo.bundled import demo_scenes
 from neugrasp.detection.detector import NeuGraspDetector
-from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
 from neugrasp.model.config import ModelConfig
 from neugrasp.model.inputs import prepare
@@ -64,7 +63,7 @@ def training_sample(views: Views, size: int, seed: int) -> Sample:
     rng = np.random.default_rng(seed)
     inputs = _photos(views, size)
     targets = replace(views, frames=tuple(views.frames[i % len(views)] for i in range(NUM_TARGETS)))
-    resolution = Workspace().resolution
+    resolution = views.workspace.resolution
     labels = GraspLabels(
         torch.from_numpy(rng.integers(0, resolution, (NUM_GRASPS, 3))),
         torch.nn.functional.normalize(torch.from_numpy(rng.normal(size=(NUM_GRASPS, 4))).float(), dim=1),

@@ -69,12 +69,12 @@ class Record:
     masks: NDArray[np.int8]
     """(n, s, s): -1 nothing, 0 table, i + 1 body i."""
     tsdf: NDArray[np.float32]
-    """The fused TSDF (40, 40, 40) indexed [x, y, z], in [-1, 1]; -1 where not observed."""
+    """The fused TSDF (r, r, r) indexed [x, y, z], in [-1, 1]; -1 where not observed."""
     observed: NDArray[np.bool_]
-    """(40, 40, 40)"""
+    """(r, r, r)"""
     labels: Labels
     distance: NDArray[np.float32] | None = None
-    """The mesh distance (40, 40, 40): Euclidean, in units of the truncation, in [-1, 1], true everywhere.
+    """The mesh distance (r, r, r): Euclidean, in units of the truncation, in [-1, 1], true everywhere.
     None in records of before it was stored."""
     trials: Trials | None = None
     """All grasps that were executed, those behind the labels among them; None where they were not kept."""
@@ -99,14 +99,19 @@ class Record:
         """ "diffuse", "specular" or "transparent", one per body."""
         return tuple(material.kind for material in self.scene.materials)
 
+    @property
+    def workspace(self) -> Workspace:
+        """The cube that it is about. Raises `InputError` where the cell does not describe one."""
+        return Workspace.from_dict(self.cell.get("workspace", {}), f"{self.name}: its workspace")
+
     def views(self, workspace: Workspace | None = None) -> Views:
         """What a detector may see of the record. Raises `InputError` where it has no photos."""
-        return _views(self.images, self.backgrounds, self.cameras, workspace or Workspace())
+        return _views(self.images, self.backgrounds, self.cameras, workspace or self.workspace)
 
     def target_views(self, workspace: Workspace | None = None) -> Views:
         """The views from the hemisphere, for photometric losses. Raises `InputError` where there are none."""
         backgrounds = self.target_backgrounds
-        return _views(self.targets, backgrounds, self.target_cameras, workspace or Workspace())
+        return _views(self.targets, backgrounds, self.target_cameras, workspace or self.workspace)
 
 
 def without_photos() -> dict[str, Any]:
@@ -216,7 +221,7 @@ def _photos(folder: Path, wanted: PhotosWanted) -> dict[str, Any]:
 def check_record(record: Record, source: str) -> None:
     """Raises `InputError` naming `source` where the parts of a record do not fit together."""
     n, height, width = record.images.shape[:3]
-    resolution = Workspace().resolution
+    resolution = record.workspace.resolution
     k = len(record.labels.success)
     expected = {
         "depth": (record.depths.shape, (n, height, width)),

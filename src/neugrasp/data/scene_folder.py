@@ -9,6 +9,7 @@ import json
 import logging
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
@@ -22,14 +23,16 @@ from neugrasp.data.strict_json import read_object
 from neugrasp.data.user_files import check_name
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
-from neugrasp.geometry.workspace import Workspace
+from neugrasp.geometry.workspace import USUAL, Workspace
 from neugrasp.observation import MAX_VIEWS, Image, View, Views
 
 FORMAT = "neugrasp-scene"
 VERSION = 1
 FILE = "scene.json"
 SCENE_KEYS = ("format", "version", "workspace", "views")
-WORKSPACE_KEYS = ("size", "world_from_workspace")
+WORKSPACE_KEYS = ("size", "world_from_workspace", "resolution", "table_height", "truncation")
+EDGES = (0.05, 2.0)
+"""Metres between which the edge of a cube lies."""
 VIEW_KEYS = ("image", "background", "intrinsics", "world_from_camera", "sensed")
 STRAIGHT = (
     "photos of a scene are those of a pinhole, its poses are metric: undistort and convert, e.g. with "
@@ -79,6 +82,7 @@ def write_scene(path: str | Path, views: Views) -> None:
         entries.append(entry)
     place = {
         "size": views.workspace.size,
+        **views.workspace.unusual(),
         "world_from_workspace": views.workspace.world_from_workspace.tolist(),
     }
     text = json.dumps({"format": FORMAT, "version": VERSION, "workspace": place, "views": entries}, indent=1)
@@ -120,12 +124,15 @@ def workspace_of(data: dict[str, Any], file: Path) -> Workspace:
         raise InputError(f"{file}: 'workspace' must be an object with 'size' and 'world_from_workspace'")
     refuse_bends(entry, WORKSPACE_KEYS, f"{file}, workspace", STRAIGHT)
     size = float(numbers(entry.get("size"), (), f"{file}: workspace size"))
-    standard = Workspace().size
-    if not np.isclose(size, standard, atol=1e-6):
-        guess = " (that looks like millimetres)" if np.isclose(size / 1000, standard) else ""
-        raise InputError(f"{file}: workspace size {size:g} m{guess}; it must be {standard:.2f} m")
+    if not EDGES[0] <= size <= EDGES[1]:
+        guess = " (that looks like millimetres)" if EDGES[0] <= size / 1000 <= EDGES[1] else ""
+        usual = f"the edge of the cube in metres, for the shipped weights {USUAL.size:.2f}"
+        raise InputError(f"{file}: workspace size {size:g} m{guess}; it must be {usual}")
     pose = check_rigid(entry.get("world_from_workspace"), f"{file}: world_from_workspace")
-    return Workspace(world_from_workspace=pose)
+    size = USUAL.size if np.isclose(size, USUAL.size, atol=1e-6) else size
+    others = {name: entry[name] for name in ("resolution", "table_height", "truncation") if name in entry}
+    cube = Workspace.from_dict({"size": size, **others}, f"{file}: workspace")
+    return replace(cube, world_from_workspace=pose)
 
 
 def view_of(entry: Any, where: str, folder: Path) -> View:

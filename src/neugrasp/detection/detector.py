@@ -140,7 +140,9 @@ def facts_of(options: DetectorOptions) -> dict[str, Any]:
     told = ("recipe", "steps", "scenes")
     trained = {name: checkpoint.about[name] for name in told if name in checkpoint.about}
     file = weights_facts(find_weights(options.weights), threshold_of(checkpoint, options.threshold))
-    return {**file, "trained": trained, "hand_check": options.hand_check}
+    cube = checkpoint.workspace.unusual()
+    asked = {"workspace": cube} if cube else {}
+    return {**file, "trained": trained, "hand_check": options.hand_check, **asked}
 
 
 def _load(options: DetectorOptions) -> NeuGraspDetector:

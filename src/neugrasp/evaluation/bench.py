@@ -15,11 +15,11 @@ from neugrasp.evaluation.cells import background_folder
 from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.declutter import Game, declutter
 from neugrasp.evaluation.episode import CRASHED, Episode
+from neugrasp.evaluation.folder import workspace_of
 from neugrasp.evaluation.protocols import protocol_of, strategy_of
 from neugrasp.evaluation.rounds import Round, Rounds
 from neugrasp.evaluation.witness import SimulatedWitness
 from neugrasp.geometry.pose import Array
-from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
 from neugrasp.robot.interface import Camera, Robot
 from neugrasp.robot.simulated import SimulatedRobot
@@ -70,8 +70,9 @@ class Bench:
         )
         friction = self.rules.object_friction
         library = self._library if friction is None else _SameFriction(self._library, friction)
-        self.world = World(Workspace(), library, Gripper.load(config.gripper))
         self._spec = detector_spec(config.detector)
+        workspace = workspace_of(self._spec.facts(config.options()))
+        self.world = World(workspace, library, Gripper.load(config.gripper))
         self._detector = self._spec.load(config.options())
         strategy = self.rules.strategy if config.strategy == "protocol" else config.strategy
         up: Array = self.world.workspace.world_from_workspace[:3, 2]

@@ -12,8 +12,7 @@ import numpy as np
 from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Failures
 from neugrasp.evaluation.episode import Attempt
-from neugrasp.evaluation.folder import library_of, played, scene_of
-from neugrasp.geometry.workspace import Workspace
+from neugrasp.evaluation.folder import facts_of, library_of, played, scene_of, workspace_of
 from neugrasp.progress import counted
 from neugrasp.robot.pick import REASONS, SUCCESS
 from neugrasp.simulation.physics import World
@@ -43,7 +42,8 @@ def aimed_grasps(evaluation: Path, objects: Path | None = None) -> list[Aimed]:
     Raises `InputError` where there is no evaluation, its objects are not given, or its rounds do not say what
     lay on the table.
     """
-    with World(Workspace(), library_of(evaluation, objects)) as world:
+    workspace = workspace_of(facts_of(evaluation))
+    with World(workspace, library_of(evaluation, objects)) as world:
         attempts = [attempt for episode in played(evaluation) for attempt in episode.attempts]
         return [_aimed(world, attempt, evaluation) for attempt in counted(attempts, "attempts")]
 

@@ -30,7 +30,6 @@ from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Validate
 from neugrasp.evaluation.held_out_table import held_out_table
-from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import gripper_hash
 from neugrasp.long_runs import CONTENTS, begun_as, held
@@ -99,7 +98,7 @@ def find_grasps(
         return detector.detect(record.views()).grasps
     if name == "oracle":
         return oracle_grasps(record.tsdf, detector)
-    found = antipodal_grasp(record.tsdf, Workspace(), detector.gripper, rng)
+    found = antipodal_grasp(record.tsdf, record.workspace, detector.gripper, rng)
     return () if found is None else (found,)
 
 
@@ -133,6 +132,12 @@ def run_held_out(run: Validate) -> dict[str, Any]:
     )
     sets = sorted({body.object_set for record in records for body in record.scene.bodies})
     library = ObjectLibrary.open(sets, run.objects)
+    for record in records:
+        if record.workspace.cube != detector.model.workspace.cube:
+            raise InputError(
+                f"{record.name}: is about {record.workspace.describe()}; the weights were trained for "
+                f"{detector.model.workspace.describe()}"
+            )
     facts = _describe(run, detector.selection.threshold)
     with held(run.out, "validate"):
         begun_as(run.out / "run.json", facts, "validation", young=CONTENTS)
@@ -150,7 +155,10 @@ def _try_missing(
     path = run.out / "attempts.jsonl"
     finished = _finished(path)
     missing = [record for record in records if record.name not in finished]
-    with World(Workspace(), library, detector.gripper) as world, path.open("a", encoding="utf-8") as file:
+    with (
+        World(detector.model.workspace, library, detector.gripper) as world,
+        path.open("a", encoding="utf-8") as file,
+    ):
         for index, record in enumerate(counted(missing, "records")):
             rng = np.random.default_rng([run.seed, zlib.crc32(record.name.encode())])
             lines = [json.dumps(asdict(attempt)) for attempt in attempts_of(record, detector, world, rng)]
@@ -224,7 +232,7 @@ def _summarise(records: list[Record], detector: NeuGraspDetector, path: Path) ->
     size = detector.model.config.image_size
     scores = {}
     for material, some in sorted(by_material.items()):
-        samples = [plain_sample(record, Workspace(), size) for record in some]
+        samples = [plain_sample(record, record.workspace, size) for record in some]
         means = validate(detector.model, samples, 400.0) | _constants(some)
         # JSON has no NaN: what no record has, such as the AUC of labels that all failed, is null.
         defined = {name: value if math.isfinite(value) else None for name, value in means.items()}

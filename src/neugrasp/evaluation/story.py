@@ -17,10 +17,9 @@ from neugrasp.errors import InputError
 from neugrasp.evaluation.cells import background_folder
 from neugrasp.evaluation.commands import Story
 from neugrasp.evaluation.episode import Attempt, Episode, read_episode
-from neugrasp.evaluation.folder import NEEDED, facts_of, library_of, scene_of
+from neugrasp.evaluation.folder import NEEDED, facts_of, library_of, scene_of, workspace_of
 from neugrasp.evaluation.rounds import Round, Rounds
 from neugrasp.geometry.pose import from_quaternion
-from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
 from neugrasp.observation import Image, View
@@ -91,7 +90,7 @@ class _Stage:
         self.gripper = Gripper.load(facts["gripper"])
         self._photographer = photographer
         self._library = library
-        self.world = World(Workspace(), self._library, self.gripper)
+        self.world = World(workspace_of(facts), self._library, self.gripper)
         self._rounds = Rounds.of_facts(facts, self._library)
         self._settings = _settings(facts)
 

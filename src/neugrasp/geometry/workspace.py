@@ -52,6 +52,18 @@ class Workspace:
         """Size, resolution, table height and truncation: everything but its place in the world."""
         return (self.size, self.resolution, self.table_height, self.truncation)
 
+    @classmethod
+    def with_edge(cls, size: float, resolution: int) -> Workspace:
+        """A cube of another size or resolution; a signed distance of 1 stays four voxels, the table where it
+        is. Raises `InputError` where the network could not take it."""
+        plain = {"size": size, "resolution": resolution, "truncation": 4 * size / resolution}
+        return cls.from_dict(plain, "the cube")
+
+    def unusual(self) -> dict[str, float | int]:
+        """What of the cube is not as in `USUAL`: what files write down beside its place."""
+        names = ("size", "resolution", "table_height", "truncation")
+        return {name: getattr(self, name) for name in names if getattr(self, name) != getattr(USUAL, name)}
+
     def describe(self) -> str:
         """The cube in words, for messages."""
         return (
@@ -149,3 +161,7 @@ class Workspace:
     def to_world(self, points: ArrayLike) -> Array:
         """Workspace points (..., 3) in the world."""
         return apply(self.world_from_workspace, points)
+
+
+USUAL = Workspace()
+"""The cube of the paper: what files are about that do not say otherwise."""

@@ -16,7 +16,7 @@ from torch import Tensor
 from neugrasp.data.fields import Fields
 from neugrasp.data.strict_json import parse_json
 from neugrasp.errors import InputError, WriteError
-from neugrasp.geometry.workspace import Workspace
+from neugrasp.geometry.workspace import USUAL, Workspace
 from neugrasp.model.config import ModelConfig
 from neugrasp.model.network import NeuGrasp
 from neugrasp.output import whole_file
@@ -153,7 +153,7 @@ def _config_from(described: Fields) -> ModelConfig:
 def _workspace_from(path: Path, metadata: dict[str, str]) -> Workspace:
     """The cube that is written down; weights of before it was are for the usual one."""
     if "workspace" not in metadata:
-        return Workspace()
+        return USUAL
     described = _described(path, metadata, "workspace")
     described.only(CUBE)
     for name in CUBE:

@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 
 from neugrasp.data.records import Record
 from neugrasp.data.whole_or_nothing import whole_or_nothing
-from neugrasp.geometry.workspace import Workspace
 from neugrasp.observation import Image
 from neugrasp.pictures import Tile, contact_sheet, write_picture
 from neugrasp.progress import counted
@@ -61,7 +60,7 @@ class Counts:
 
     def add(self, record: Record) -> None:
         """Counts a record."""
-        workspace, labels = Workspace(), record.labels
+        workspace, labels = record.workspace, record.labels
         self.scenes += 1
         self.objects += len(record.scene.bodies)
         self.materials.update(record.materials)

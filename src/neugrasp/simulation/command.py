@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, Literal
 
+from neugrasp.geometry.workspace import Workspace
+
 
 @dataclass(frozen=True, kw_only=True)
 class Generate:
@@ -41,6 +43,10 @@ class Generate:
     """Scenes that share a table, a room and cameras, and so the photos of the empty table."""
     image_size: int = 256
     """Pixels along each edge of a photo."""
+    cube: float = 0.30
+    """Edge of the workspace, metres. Weights see the cube that they were trained for, and nothing else."""
+    resolution: int = 40
+    """Voxels along it, a multiple of 8; one unit of a signed distance is four of them."""
     gripper: str = "panda"
     """The gripper that tries the grasps: a name of a bundled one, or a file."""
     seed: int = 0
@@ -54,6 +60,11 @@ class Generate:
         if self.object_sets:
             return self.object_sets
         return ("folder",) if self.objects is not None else ("pybullet", "glassware")
+
+    @property
+    def workspace(self) -> Workspace:
+        """The cube. Raises `InputError` where the network could not take it."""
+        return Workspace.with_edge(self.cube, self.resolution)
 
     def record_name(self, index: int) -> str:
         """Folder name of scene `index`."""

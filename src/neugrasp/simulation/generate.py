@@ -101,6 +101,7 @@ def _checked(config: Generate) -> ObjectLibrary:
     if config.seed < 0:
         raise InputError(f"--seed {config.seed}; it must be at least 0")
     Gripper.load(config.gripper)
+    _ = config.workspace
     library = ObjectLibrary.open(config.sets, config.objects)
     library.choices(config.split, config.scene)
     return library
@@ -127,6 +128,7 @@ def _describe(config: Generate, library: ObjectLibrary) -> None:
         "samples": config.samples,
         "seed": config.seed,
         **({} if config.photos else {"photos": False}),
+        **config.workspace.unusual(),
         **({} if config.targets == TARGETS_PER_SCENE else {"targets": config.targets}),
     }
     begun_as(config.out / "dataset.json", description, "data set", young=CONTENTS)

@@ -17,7 +17,6 @@ from neugrasp.data.labels import Labels
 from neugrasp.data.records import Record, without_photos, write_record
 from neugrasp.data.trials import State
 from neugrasp.errors import InputError, NeuGraspError, WriteError
-from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
 from neugrasp.simulation.arrange import arrange
 from neugrasp.simulation.cell import sample_cell
@@ -47,12 +46,12 @@ class Studio:
     config: Generate
     photographer: Photographer | None
     """None where the scenes get no photos."""
-    workspace: Workspace = field(default_factory=Workspace)
     seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
     """Wall time spent so far, by stage."""
 
     def __post_init__(self) -> None:
         config = self.config
+        self.workspace = config.workspace
         self.library = ObjectLibrary.open(config.sets, config.objects)
         self.choices = self.library.choices(config.split, config.scene)
         self.world = World(self.workspace, self.library, Gripper.load(config.gripper))
@@ -93,7 +92,7 @@ class Studio:
         """The fields of a `Record` that depend on a work cell: photos, depth, and the cell itself."""
         config, cell_index = self.config, index // self.config.scenes_per_cell
         if self.photographer is None:
-            return {"cell": {"photos": False, "split": config.split}, **without_photos()}
+            return {"cell": {"photos": False, "split": config.split, **self._cube()}, **without_photos()}
         cell = self._cell(cell_index)
         with self._timed("backgrounds"):
             folder = config.out / "cells" / f"{cell_index:06d}"
@@ -108,7 +107,7 @@ class Studio:
             photos = np.stack(self.photographer.render(cell, scene, self.library, inputs + targets))
         drawn = {"light": cell.light, "table": cell.table, "views": config.views, "split": config.split}
         return {
-            "cell": {"index": cell_index, "seed": cell.seed, **drawn, "targets": targets},
+            "cell": {"index": cell_index, "seed": cell.seed, **drawn, "targets": targets, **self._cube()},
             "images": photos[: len(inputs)],
             "backgrounds": empty[inputs],
             "cameras": cameras,
@@ -118,6 +117,11 @@ class Studio:
             "depths": np.stack([depth for depth, _ in looks]).astype(np.float32),
             "masks": np.stack([mask for _, mask in looks]).astype(np.int8),
         }
+
+    def _cube(self) -> dict[str, Any]:
+        """What a record says of a cube that is not the usual one."""
+        unusual = self.workspace.unusual()
+        return {"workspace": unusual} if unusual else {}
 
     def _cell(self, cell_index: int) -> Cell:
         config = self.config

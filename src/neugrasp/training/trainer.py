@@ -67,7 +67,8 @@ def _trained(run: Train, config: TrainConfig, stop_after: int | None) -> Path:
         # However long the run becomes, the head's stage was as long as it was.
         config = replace(config, head_steps=saved.get("head_steps", config.head_steps))
     torch.manual_seed(config.seed)
-    model = NeuGrasp(config.model)
+    scenes, held_out = _open_data(run, config)
+    model = NeuGrasp(config.model, scenes.workspace)
     if run.init:
         _start_from(model, run.init)
     device = Compute.of(run.device).device
@@ -76,7 +77,6 @@ def _trained(run: Train, config: TrainConfig, stop_after: int | None) -> Path:
     with joined_ranks(run.device) as ranks:
         model.to(ranks.device).train()
         learner = Learner.of(model, config)
-        scenes, held_out = _open_data(run, config)
         identity = Identity(config, identity_of(scenes), run.init and Path(run.init).name)
         start = load_state(run.out, learner, identity)
         last = min(config.steps, stop_after or config.steps)
@@ -143,6 +143,13 @@ def _check_out(run: Train) -> None:
 
 def _start_from(model: NeuGrasp, weights: str) -> None:
     checkpoint = load_checkpoint(weights)
+    if checkpoint.workspace.cube != model.workspace.cube:
+        log.warning(
+            "%s: was trained for %s; the scenes are about %s",
+            weights,
+            checkpoint.workspace.describe(),
+            model.workspace.describe(),
+        )
     tensors = {name: tensor.float() for name, tensor in checkpoint.tensors.items()}
     if checkpoint.config == model.config:
         model.load_state_dict(tensors)

@@ -50,7 +50,7 @@ def scene_contents(folder: Path, choices: Choices) -> Contents:
         gripper=gripper,
         views=in_workspace(views),
         moments=(Moment(f"{len(views)} photos, nothing predicted yet"),),
-        truth=_truth(folder, gripper, choices.objects),
+        truth=_truth(folder, views.workspace, gripper, choices.objects),
     )
 
 
@@ -124,13 +124,13 @@ def checked(grid: np.ndarray, workspace: Workspace, file: Path) -> Grid:
     return grid.astype(np.float32)
 
 
-def _truth(folder: Path, gripper: Gripper, objects: Path | None) -> Truth:
+def _truth(folder: Path, workspace: Workspace, gripper: Gripper, objects: Path | None) -> Truth:
     """What the generator left beside the photos."""
     grid = folder / "truth.npz"
     tsdf = None
     if grid.is_file():
         stored = npz_arrays(grid.read_bytes(), {"tsdf": "f"}, str(grid))["tsdf"]
-        tsdf = free_where_unseen(checked(stored, Workspace(), grid))
+        tsdf = free_where_unseen(checked(stored, workspace, grid))
     world = folder / "world.json"
     solids: tuple[Solid, ...] = ()
     if world.is_file():

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from neugrasp.evaluation.episode import Attempt, Episode, read_episode
-from neugrasp.evaluation.folder import NEEDED, facts_of, library_of, scene_of
+from neugrasp.evaluation.folder import NEEDED, facts_of, library_of, scene_of, workspace_of
 from neugrasp.evaluation.rounds import Rounds
 from neugrasp.geometry.pose import from_quaternion
-from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
 from neugrasp.observation import Frame
@@ -24,7 +23,7 @@ def round_contents(evaluation: Path, number: int, choices: Choices) -> Contents:
     facts = facts_of(evaluation, NEEDED)
     episode = read_episode(evaluation / "rounds" / f"{number:06d}.json")
     library = library_of(evaluation, choices.objects)
-    workspace = Workspace()
+    workspace = workspace_of(facts)
     views = tuple(
         Frame(camera, name=f"camera {i}")  # Photos are not kept with a round.
         for i, camera in enumerate(Rounds.of_facts(facts, library).sensors(number, workspace))
