@@ -21,6 +21,7 @@ LAYERS = [
     {"output", "terminal"},
     {"geometry", "long_runs"},
     {"observation", "grasp", "gripper"},
+    {"execution"},
     {"metrics", "pictures", "change", "kernels"},
     {"model", "simulation", "data"},
     {"detection", "training", "baselines", "doctor", "importers"},
