@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp, Grasps
 from neugrasp.gripper import Gripper
 from neugrasp.observation import Frame, Views
+from neugrasp.pictures import colour_of_score
 
 GRASP = Grasp(rigid(np.diag([1.0, -1, -1]), (0.1, -0.2, 0.3)), 0.051, 0.976)
 
@@ -59,6 +61,29 @@ def test_grasps_are_listed_with_their_numbers(count: int, listed: int):
     assert ("<td>1</td><td>0.976</td><td>51</td><td>+0.100 -0.200 +0.300</td>" in shown) is (count > 0)
     assert ("15 more" in shown) is (count == 25)
     assert "63,000 off the surface" in shown
+
+
+def test_a_surface_is_shown_with_its_grasps(ball_on_table: Callable[..., np.ndarray]):
+    grid = ball_on_table((0.15, 0.15, 0.08), 0.03)
+    assert replace(detection(1), tsdf=None)._repr_png_() is None
+    above = Grasp(rigid(np.diag([1.0, -1, -1]), (0.15, 0.15, 0.1)), 0.06, 1.0)
+    shown = []
+    for grasps in ([], [above]):
+        found = replace(detection(0), tsdf=grid, grasps=Grasps.of(grasps))
+        with Picture.open(io.BytesIO(found._repr_png_())) as picture:
+            shown.append(np.asarray(picture.convert("RGB")).astype(int))
+    assert shown[0].shape == shown[1].shape
+    assert (np.abs(shown[1] - colour_of_score(1.0)).max(axis=-1) <= 6).sum() > 300
+    assert (shown[0] != shown[1]).any()
+
+
+def test_the_way_of_the_hand_is_told_by_the_workspace():
+    """A detector of one's own need not know which way is up."""
+    lying = Workspace(world_from_workspace=rigid([[0, 0, 1], [1, 0, 0], [0, 1, 0]]))
+    found = replace(detection(1), workspace=lying)
+    assert found.grasps[0].up == (1.0, 0.0, 0.0)
+    np.testing.assert_allclose(found.grasps[0].retreat[:3, 3], GRASP.position + np.array((0.1, 0, 0)))
+    assert found.to_dict()["up"] == [1, 0, 0]
 
 
 def test_a_round_without_photos_shows_none(small_views: Views):

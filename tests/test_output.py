@@ -407,8 +407,7 @@ def test_too_little_memory_is_said_in_one_line(
 
 
 INTERRUPTED = """
-import sys, time
-from pathlib import Path
+import sys, time, types
 
 class Beginning:
     def find_spec(self, name, *_):
@@ -416,9 +415,8 @@ class Beginning:
             print(flush=True)
 
 sys.meta_path.insert(0, Beginning())
+sys.modules["neugrasp.evaluation.compare"] = types.SimpleNamespace(run=lambda _: time.sleep(600))
 from neugrasp.__main__ import main
-from neugrasp.evaluation.commands import Compare
-Compare.run = lambda self: time.sleep(600)
 sys.argv[1:] = ["compare", "/nowhere", "/no"]
 sys.exit(main())
 """

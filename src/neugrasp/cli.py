@@ -49,15 +49,18 @@ class Command:
         """Reads the words and runs the command."""
         if self.settings is None:
             options = tyro.cli(self.options, prog=f"neugrasp {name}", args=words)
-            return self._started(name, options)
+            self._begin(name, options)
+            return _loaded(self.runner)(options)
         options, rest = tyro.cli(self.options, prog=f"neugrasp {name}", args=words, return_unknown_args=True)
+        if not {"-h", "--help"} & set(words):
+            self._begin(name, options)
         settings = _loaded(self.settings)(options)
         settings = tyro.cli(type(settings), prog=f"neugrasp {name}", args=rest, default=settings)
-        return self._started(name, options, settings)
+        return _loaded(self.runner)(options, settings)
 
-    def _started(self, name: str, options: Any, *more: object) -> object:
+    def _begin(self, name: str, options: Any) -> None:
+        """Says what now happens, before the libraries load, which takes some seconds itself."""
         log.info("neugrasp %s: %s", name, options.doing)
-        return _loaded(self.runner)(options, *more)
 
 
 def _loaded(name: str) -> Callable[..., Any]:

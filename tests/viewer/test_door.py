@@ -46,6 +46,7 @@ def test_a_port_in_use_ends_at_once(taken: int, kept_capture: Capture, capsys: p
 
 def test_without_a_port_the_next_free_one_is_taken():
     with socket.socket() as other:
+        other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         first = free_port(HERE, None)
         other.bind((HERE, first))
         other.listen()

@@ -18,10 +18,10 @@ def run(config: SpeedTest) -> str:
     lines = [table(found)]
     if config.json is not None:
         write_json(config.json, found)
-        lines.append(f"\n{config.json}\nnext: docs/bench.md says what the columns mean")
+        lines += [f"\n{config.json}", "next: docs/bench.md says what the columns mean"]
     else:
-        again = next_step(*config.command().split()[1:], "--json", "speed.json")
-        lines.append(f"\n{again} keeps the figures")
+        words = config.command().split()[1:]
+        lines.append("\n" + next_step(*words, "--json", "speed.json", why="to keep the figures"))
     return "\n".join(lines)
 
 

@@ -7,7 +7,7 @@ import time
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
@@ -24,7 +24,8 @@ from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasps
 from neugrasp.gripper import Gripper
 from neugrasp.observation import Views
-from neugrasp.pictures import overlay_sheet, write_picture
+from neugrasp.pictures import detection_picture, overlay_sheet, write_picture
+from neugrasp.pictures.files import png
 
 Seen = TypeVar("Seen", contravariant=True)
 COUNTED = 10**9
@@ -60,12 +61,20 @@ class Detection:
         cube = (self.workspace.resolution,) * 3
         if self.tsdf is not None and self.tsdf.shape != cube:
             raise ValueError(f"a surface of shape {self.tsdf.shape}; the workspace has {cube} voxels")
+        # The workspace knows which way is up, whoever made the grasps.
+        object.__setattr__(self, "grasps", replace(self.grasps, up=self.workspace.up))
 
     def __repr__(self) -> str:
         return in_short(self)
 
     def _repr_html_(self) -> str:
         return as_html(self)
+
+    def _repr_png_(self) -> bytes | None:
+        """The surface with the best grasps, from the side; None without a surface."""
+        if self.tsdf is None:
+            return None
+        return png(detection_picture(self.tsdf, self.workspace, self.grasps, self.gripper))
 
     def grid(self) -> NDArray[np.float32]:
         """The `tsdf`. Raises `InputError` where the detector has no surface."""

@@ -43,6 +43,12 @@ class Workspace:
     world_from_workspace: Array = field(default_factory=lambda: np.eye(4))
 
     @property
+    def up(self) -> tuple[float, float, float]:
+        """Unit vector away from the table, in the user's world."""
+        x, y, z = self.world_from_workspace[:3, 2].tolist()
+        return x, y, z
+
+    @property
     def voxel_size(self) -> float:
         """Edge of a voxel in metres."""
         return self.size / self.resolution

@@ -39,6 +39,19 @@ def overlay_sheet(views: Views, grasps: Sequence[Grasp], gripper: Gripper) -> Im
     return contact_sheet(tiles, columns=2 if len(tiles) <= 4 else 4, title=title, legend=legend)
 
 
+def detection_picture(
+    tsdf: ArrayLike, workspace: Workspace, grasps: Sequence[Grasp], gripper: Gripper
+) -> Image:
+    """The surface from the side with the best grasps (world frame, best first)."""
+    camera = on_sphere(workspace, 0.5, np.deg2rad(45), -0.8).moved(workspace.world_from_workspace)
+    blank = np.zeros((camera.height, camera.width, 3), dtype=np.uint8)
+    camera = photo_of_workspace(View(camera, blank, blank), workspace).camera
+    shown = shade_surface(tsdf, workspace, camera)
+    box = (-0.5, -0.5, camera.width - 0.5, camera.height - 0.5)
+    camera = camera.cropped_and_resized(box, shown.shape[1], shown.shape[0])
+    return draw_grasps(View(camera, shown, shown), grasps[:DRAWN], gripper, 1)
+
+
 def surface_sheet(views: Views, tsdf: ArrayLike, truth: ArrayLike | None = None) -> Image:
     """The first photo beside the predicted surface from the same camera and from the opposite side, and below
     them the true surface where it is known (a fused grid, -1 where unseen)."""

@@ -55,7 +55,7 @@ def predict(run: Predict) -> str:
         first = f"no grasps: {explain(detection)}"
     look = "the doctor" if run.examine else "the doctor's quick look"
     files = [str(run.out / name) for name in names]
-    then = [next_step("view", run.out)]
+    then = [next_step("view", run.out)] if detection.tsdf is not None else []
     if detection.grasps:
         then.append(next_step("export", run.out))
     return "\n".join([first, f"{look}: {diagnosis.verdict}", *files, *then])

@@ -46,7 +46,9 @@ HELD_OUT = 20
 def run(options: Train, config: TrainConfig | None = None) -> str:
     """`neugrasp train`: the path of the weights, and what to do with them."""
     weights = train(options, config=config)
-    return f"{weights}\n{next_step('predict', 'MY_SCENE', '--weights', weights, '--out', 'out')}"
+    rounds = weights.parent / "rounds"
+    tried = next_step("evaluate", "--weights", weights, "--split", "train", "--out", rounds)
+    return f"{weights}\n{tried}\n{next_step('predict', 'MY_SCENE', '--weights', weights, '--out', 'out')}"
 
 
 def train(run: Train, stop_after: int | None = None, config: TrainConfig | None = None) -> Path:
