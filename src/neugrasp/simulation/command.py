@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, Literal
 
-from neugrasp.geometry.workspace import Workspace
-
 
 @dataclass(frozen=True, kw_only=True)
 class Generate:
@@ -60,11 +58,6 @@ class Generate:
         if self.object_sets:
             return self.object_sets
         return ("folder",) if self.objects is not None else ("pybullet", "glassware")
-
-    @property
-    def workspace(self) -> Workspace:
-        """The cube. Raises `InputError` where the network could not take it."""
-        return Workspace.with_edge(self.cube, self.resolution)
 
     def record_name(self, index: int) -> str:
         """Folder name of scene `index`."""

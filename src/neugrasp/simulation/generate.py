@@ -22,6 +22,7 @@ from pathlib import Path
 
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.geometry.view_sets import VIEW_SETS
+from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper, gripper_hash
 from neugrasp.long_runs import CONTENTS, begun_as, end_with, held, lock, unlock
 from neugrasp.output import write_text
@@ -101,7 +102,7 @@ def _checked(config: Generate) -> ObjectLibrary:
     if config.seed < 0:
         raise InputError(f"--seed {config.seed}; it must be at least 0")
     Gripper.load(config.gripper)
-    _ = config.workspace
+    Workspace.with_edge(config.cube, config.resolution)
     library = ObjectLibrary.open(config.sets, config.objects)
     library.choices(config.split, config.scene)
     return library
@@ -128,7 +129,7 @@ def _describe(config: Generate, library: ObjectLibrary) -> None:
         "samples": config.samples,
         "seed": config.seed,
         **({} if config.photos else {"photos": False}),
-        **config.workspace.unusual(),
+        **Workspace.with_edge(config.cube, config.resolution).unusual(),
         **({} if config.targets == TARGETS_PER_SCENE else {"targets": config.targets}),
     }
     begun_as(config.out / "dataset.json", description, "data set", young=CONTENTS)

@@ -17,6 +17,7 @@ from neugrasp.data.labels import Labels
 from neugrasp.data.records import Record, without_photos, write_record
 from neugrasp.data.trials import State
 from neugrasp.errors import InputError, NeuGraspError, WriteError
+from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
 from neugrasp.simulation.arrange import arrange
 from neugrasp.simulation.cell import sample_cell
@@ -51,7 +52,7 @@ class Studio:
 
     def __post_init__(self) -> None:
         config = self.config
-        self.workspace = config.workspace
+        self.workspace = Workspace.with_edge(config.cube, config.resolution)
         self.library = ObjectLibrary.open(config.sets, config.objects)
         self.choices = self.library.choices(config.split, config.scene)
         self.world = World(self.workspace, self.library, Gripper.load(config.gripper))
