@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from neugrasp.demo import DemoScene, demo_scenes
+from neugrasp.demo.bundled import DemoScene, demo_scenes
 from neugrasp.doctor.examination import examine_folder
 from neugrasp.doctor.findings import Level
 
