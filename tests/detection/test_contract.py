@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from neugrasp.detection.contract import Detection
@@ -67,6 +67,7 @@ def test_arrays_that_do_not_fit_are_refused():
         found(tsdf=np.zeros((8, 8, 8), np.float32))
 
 
+@settings(deadline=None)
 @given(st.lists(grasps, max_size=3), st.booleans())
 def test_plain_data_restores_it(each: list[Grasp], with_surface: bool):
     before = found(*sorted(each, key=lambda grasp: -grasp.score), tsdf=ball())
