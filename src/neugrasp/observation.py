@@ -114,6 +114,11 @@ class Observation:
     def __len__(self) -> int:
         return len(self.frames)
 
+    @property
+    def views(self) -> Sequence[Frame]:
+        """The frames, by the name that they had before version 0.2."""
+        return self.frames
+
     def __repr__(self) -> str:
         sizes = sorted({(frame.camera.width, frame.camera.height) for frame in self.frames})
         pixels = ", ".join(f"{width} x {height}" for width, height in sizes)

@@ -17,7 +17,7 @@ from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.model.network import NeuGrasp
 from neugrasp.training.command import Train
 from neugrasp.training.dataset import Batch, RecordFolder, Scenes, Steps
-from neugrasp.training.module import TrainingModule
+from neugrasp.training.module import TrainingModule, neugrasp_losses
 from neugrasp.training.recipes import RECIPES, recipe
 from neugrasp.training.trainer import train
 
@@ -62,7 +62,7 @@ def test_grasps_are_those_of_the_cpu(scene):
 
 def losses_and_gradient(config, batch: Batch, device: str) -> tuple[dict[str, float], torch.Tensor]:
     torch.manual_seed(0)
-    module = TrainingModule(NeuGrasp(config.model), config).to(device)
+    module = TrainingModule(NeuGrasp(config.model), neugrasp_losses, config).to(device)
     losses = module(batch.to(device), config.head_steps)
     losses["loss"].backward()
     gradients = [p.grad.flatten().cpu() for p in module.parameters() if p.grad is not None]

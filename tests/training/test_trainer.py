@@ -63,7 +63,7 @@ def test_stopped_and_resumed_equals_never_stopped(data, held_out, tmp_path):
     assert named <= scores.keys()
     assert load_checkpoint(weights).about["recipe"] == "tiny"
     expected = json.loads(GOLDEN.read_text())
-    assert losses_of(whole.out) == pytest.approx(expected, rel=1e-2)
+    assert losses_of(whole.out) == pytest.approx(expected, rel=1e-5)
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from neugrasp.data.scene_folder import read_scene
 from neugrasp.demo.bundled import demo_scenes
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.gripper import Gripper
-from neugrasp.model.config import ModelConfig
+from neugrasp.model.config import ModelConfig, NetworkConfig
 from neugrasp.model.inputs import prepare
 from neugrasp.model.network import NeuGrasp
 from neugrasp.observation import Views
@@ -40,10 +40,11 @@ def shaped_training(shape: str, model: NeuGrasp) -> TrainConfig:
     return replace(recipe, model=model.config, view_dropout=0.0)
 
 
-def fresh_model(config: ModelConfig, seed: int) -> NeuGrasp:
+def fresh_model(config: NetworkConfig, seed: int) -> NeuGrasp:
     """A network at the random weights of a seed; the global generator is left as it was."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
+        assert isinstance(config, ModelConfig)
         return NeuGrasp(config)
 
 

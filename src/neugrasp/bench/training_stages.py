@@ -13,7 +13,7 @@ from neugrasp.bench.stages import PARTS
 from neugrasp.model.network import NeuGrasp
 from neugrasp.training.config import TrainConfig
 from neugrasp.training.dataset import Batch
-from neugrasp.training.module import TrainingModule
+from neugrasp.training.module import TrainingModule, neugrasp_losses
 from neugrasp.training.samples import Sample
 from neugrasp.training.state import Learner
 
@@ -32,7 +32,7 @@ class TrainingStep:
         weights = replace(config.weights, rehearsal=0.0)
         self.config = replace(config, weights=weights, head_steps=0)
         self.batch = Batch((sample,), ())
-        self.module = TrainingModule(model.train(), self.config)
+        self.module = TrainingModule(model.train(), neugrasp_losses, self.config)
         self.learner = Learner.of(model, self.config)
         self.weights: list[Tensor] = list(model.parameters())
         self.device = self.weights[0].device

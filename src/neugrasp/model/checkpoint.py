@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
+from functools import partial
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
-from torch import Tensor
+from torch import Tensor, nn
 
 from neugrasp.data.fields import Fields
 from neugrasp.data.strict_json import parse_json
 from neugrasp.errors import InputError, WriteError
 from neugrasp.geometry.workspace import USUAL, Workspace
-from neugrasp.model.config import ModelConfig
+from neugrasp.model.config import ModelConfig, NetworkConfig
 from neugrasp.model.network import NeuGrasp
 from neugrasp.output import whole_file
 
 FORMAT = "neugrasp-weights"
+NEUGRASP = "neugrasp"
+"""The network that weights are of which do not name another."""
 VERSION = 1
 LARGEST, DEEPEST = 4096, 64
 """Of any size in a configuration, and of blocks one behind the other."""
@@ -48,8 +52,22 @@ class Checkpoint:
         return network.eval()
 
 
-def save_checkpoint(path: Path, model: NeuGrasp, about: dict[str, Any], half: bool = False) -> None:
-    """Writes the weights whole or not at all; `half` stores float16, for shipping."""
+class Described(Protocol):
+    """A network that says what it is: what `save_checkpoint` writes down."""
+
+    config: Any
+    """A `NetworkConfig`."""
+    workspace: Workspace
+
+    def state_dict(self) -> Mapping[str, Tensor]:
+        """As PyTorch's."""
+        ...
+
+
+def save_checkpoint(
+    path: Path, model: Described, about: dict[str, Any], half: bool = False, network: str = NEUGRASP
+) -> None:
+    """Writes the weights whole or not at all; `half` stores float16, for shipping. `network` is its name."""
     tensors = {
         name: (tensor.half() if half else tensor.float()).detach().cpu().contiguous()
         for name, tensor in model.state_dict().items()
@@ -60,6 +78,7 @@ def save_checkpoint(path: Path, model: NeuGrasp, about: dict[str, Any], half: bo
         "config": json.dumps(asdict(model.config)),
         "workspace": json.dumps(dict(zip(CUBE, model.workspace.cube, strict=True))),
         "about": json.dumps(about),
+        **({} if network == NEUGRASP else {"network": network}),
     }
     with whole_file(path) as part:
         try:
@@ -91,6 +110,34 @@ def find_weights(name_or_path: str | Path) -> Path:
 def load_checkpoint(name_or_path: str | Path) -> Checkpoint:
     """Reads weights by name or from a file. Raises `InputError` on a damaged, foreign or newer file."""
     path = find_weights(name_or_path)
+    described, tensors = _opened(path, NEUGRASP)
+    config = _config_from(_described(path, described, "config"))
+    _check_tensors(path, partial(NeuGrasp, config), tensors)
+    return Checkpoint(config, tensors, _about(path, described), _workspace_from(path, described))
+
+
+Config = TypeVar("Config", bound=NetworkConfig)
+Network = TypeVar("Network", bound=nn.Module)
+
+
+def load_network(
+    path: Path, name: str, kind: type[Config], build: Callable[[Config, Workspace], Network]
+) -> Network:
+    """A network of another name with its weights, float32, ready to predict. Raises as `load_checkpoint`."""
+    described, tensors = _opened(path, name)
+    given = _described(path, described, "config")
+    known = {one.name: getattr(kind(), one.name) for one in fields(kind)}
+    given.only(known)
+    config = kind(**{entry: _entry(given, entry, known[entry]) for entry in given.data})
+    workspace = _workspace_from(path, described)
+    _check_tensors(path, partial(build, config, workspace), tensors)
+    network = build(config, workspace)
+    network.load_state_dict({key: tensor.float() for key, tensor in tensors.items()})
+    return network.eval()
+
+
+def _opened(path: Path, network: str) -> tuple[dict[str, str], dict[str, Tensor]]:
+    """Metadata and tensors of weights of the network of that name."""
     try:
         with safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}
@@ -109,11 +156,15 @@ def load_checkpoint(name_or_path: str | Path) -> Checkpoint:
         found = f"{metadata.get('format')!r}"[:40]
         raise InputError(f"{path}: not NeuGrasp weights (format {found}, not {FORMAT!r})")
     _check_version(path, metadata.get("version", ""))
-    config = _config_from(_described(path, metadata, "config"))
-    workspace = _workspace_from(path, metadata)
-    _check_tensors(path, config, tensors)
+    found = metadata.get("network", NEUGRASP)
+    if found != network:
+        raise InputError(f"{path}: weights of the network {found[:40]!r}, not {network!r}; give --detector")
+    return metadata, tensors
+
+
+def _about(path: Path, metadata: dict[str, str]) -> dict[str, Any]:
     about = _described(path, metadata, "about") if "about" in metadata else Fields(str(path), {}, "about.")
-    return Checkpoint(config, tensors, _checked_about(about), workspace)
+    return _checked_about(about)
 
 
 def _check_version(path: Path, version: str) -> None:
@@ -186,10 +237,10 @@ def _checked_about(about: Fields) -> dict[str, Any]:
     return about.data
 
 
-def _check_tensors(path: Path, config: ModelConfig, tensors: dict[str, Tensor]) -> None:
+def _check_tensors(path: Path, build: Callable[[], nn.Module], tensors: dict[str, Tensor]) -> None:
     try:
         with torch.device("meta"):
-            expected = NeuGrasp(config).state_dict()
+            expected = build().state_dict()
     except (ValueError, RuntimeError, TypeError, ArithmeticError, AssertionError) as error:
         raise InputError(f"{path}: its configuration describes no network ({error})") from error
     if missing := set(expected) ^ set(tensors):

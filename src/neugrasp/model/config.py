@@ -6,11 +6,17 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModelConfig:
-    """Defaults are the paper's shapes (method.md B) at a 256 x 256 crop."""
+class NetworkConfig:
+    """What every network that is trained here says of itself; its own sizes and switches come below."""
 
     image_size: int = 256
     """Edge of the square crop the network sees; a multiple of 16."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelConfig(NetworkConfig):
+    """Defaults are the paper's shapes (method.md B) at a 256 x 256 crop."""
+
     encoder_width: int = 32
     """Channels of the first stage; the next two have 2 x and 4 x."""
     encoder_blocks: tuple[int, int, int] = (2, 3, 6)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
-from neugrasp.model.config import ModelConfig
+from neugrasp.model.config import ModelConfig, NetworkConfig
 
 HALVINGS = 6
 WARM_UP = 50
@@ -73,7 +73,10 @@ class Optimiser:
 class TrainConfig:
     """A course of training: first the grasp head alone on true TSDFs, then everything on photos."""
 
-    model: ModelConfig = field(default_factory=ModelConfig)
+    network: str = "neugrasp"
+    """Which network: a name of the registry, or module:NAME of a `NetworkSpec`."""
+    model: NetworkConfig = field(default_factory=ModelConfig)
+    """Its sizes and switches."""
     weights: LossWeights = field(default_factory=LossWeights)
     steps: int = 300_000
     head_steps: int = 0

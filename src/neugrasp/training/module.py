@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, Protocol
 
 import torch
 import torch.nn.functional as F
@@ -39,35 +40,53 @@ def bfloat16_pays(device: torch.device) -> bool:
     return device.type != "cpu" or torch.backends.cpu.get_cpu_capability() == "AVX512"
 
 
-class TrainingModule(nn.Module):
-    """The network and its losses: `forward` is all that a training loop calls."""
+class NetworkLosses(Protocol):
+    """What is minimised."""
 
-    def __init__(self, network: NeuGrasp, config: TrainConfig, rank: int = 0):
+    def __call__(
+        self, network: Any, batch: Batch, config: TrainConfig, step: int, generator: torch.Generator, /
+    ) -> Losses:
+        """Terms by name, means over the batch's scenes, and what is minimised as "loss"; everything random
+        in them is drawn from the generator."""
+        ...
+
+
+class TrainingModule(nn.Module):
+    """A network and its losses: `forward` is all that a training loop calls."""
+
+    def __init__(self, network: nn.Module, losses: NetworkLosses, config: TrainConfig, rank: int = 0):
         super().__init__()
         self.network = network
+        self.losses = losses
         self.config = config
         self.rank = rank
 
     def forward(self, batch: Batch, step: int) -> Losses:
-        """The terms of the loss by name, and their weighted sum as "loss"; means over the batch's scenes.
+        """The terms of the loss by name, and what is minimised as "loss"; means over the batch's scenes.
 
         Everything random in them follows from the seed, the step and the rank.
         """
-        config = self.config
         # A prime apart, so that no rank draws what another does a few steps later.
-        seed = config.seed * 1_000_003 + step + self.rank * 15_485_863
+        seed = self.config.seed * 1_000_003 + step + self.rank * 15_485_863
         # On the CPU whatever the device: every device draws the same.
         generator = torch.Generator().manual_seed(seed)
-        from_meshes = bool(config.weights.distance)
-        if not batch.samples:
-            losses = {"grasp": head_loss(self.network, batch.truths, from_meshes, generator)}
-        else:
-            sharpness = config.sharpness_at(step)
-            each = [joint_losses(self.network, one, config, sharpness, generator) for one in batch.samples]
-            losses = {name: torch.stack([one[name] for one in each]).mean() for name in each[0]}
-            if config.weights.rehearsal:
-                losses["rehearsal"] = head_loss(self.network, batch.truths, from_meshes, generator)
-        return {"loss": total(losses, config), **losses}
+        return self.losses(self.network, batch, self.config, step, generator)
+
+
+def neugrasp_losses(
+    network: NeuGrasp, batch: Batch, config: TrainConfig, step: int, generator: torch.Generator
+) -> Losses:
+    """The terms of the paper's loss and of ours by name, and their weighted sum as "loss"."""
+    from_meshes = bool(config.weights.distance)
+    if not batch.samples:
+        losses = {"grasp": head_loss(network, batch.truths, from_meshes, generator)}
+    else:
+        sharpness = config.sharpness_at(step)
+        each = [joint_losses(network, one, config, sharpness, generator) for one in batch.samples]
+        losses = {name: torch.stack([one[name] for one in each]).mean() for name in each[0]}
+        if config.weights.rehearsal:
+            losses["rehearsal"] = head_loss(network, batch.truths, from_meshes, generator)
+    return {"loss": total(losses, config), **losses}
 
 
 def total(losses: Losses, config: TrainConfig) -> Tensor:

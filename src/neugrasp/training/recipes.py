@@ -11,9 +11,9 @@ from neugrasp.training.command import Train
 from neugrasp.training.config import LossWeights, Optimiser, TrainConfig
 
 
-def small() -> TrainConfig:
-    """The default: half the paper's widths, without geometry supervision, for a day on a laptop's CPU."""
-    model = ModelConfig(
+def _small_model() -> ModelConfig:
+    """Half the paper's widths."""
+    return ModelConfig(
         encoder_width=16,
         feature_dim=16,
         volume_dim=8,
@@ -24,8 +24,12 @@ def small() -> TrainConfig:
         encoder_blocks=(2, 2, 3),
         use_change=True,
     )
+
+
+def small() -> TrainConfig:
+    """The default: half the paper's widths, without geometry supervision, for a day on a laptop's CPU."""
     return TrainConfig(
-        model=model,
+        model=_small_model(),
         weights=LossWeights(rehearsal=0.01, carving=0.1, grid_carving=0.3, table=0.1),
         steps=9_000,
         head_steps=5_000,
@@ -79,17 +83,17 @@ def sim() -> TrainConfig:
 
 def without_attention() -> TrainConfig:
     """Ablation "w/o f_attn" of `small`."""
-    return replace(small(), model=replace(small().model, use_residual_attention=False))
+    return replace(small(), model=replace(_small_model(), use_residual_attention=False))
 
 
 def without_occupancy() -> TrainConfig:
     """Ablation "w/o V_occ" of `small`."""
-    return replace(small(), model=replace(small().model, use_occupancy_prior=False))
+    return replace(small(), model=replace(_small_model(), use_occupancy_prior=False))
 
 
 def without_backgrounds() -> TrainConfig:
     """Ablation "w/o backgrounds" of `small`: the network does not see them; the losses still do."""
-    return replace(small(), model=replace(small().model, use_backgrounds=False))
+    return replace(small(), model=replace(_small_model(), use_backgrounds=False))
 
 
 def tiny() -> TrainConfig:

@@ -6,16 +6,15 @@ import json
 import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
-from torch import Tensor
+from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
 from neugrasp.errors import InputError
-from neugrasp.model.network import NeuGrasp
 from neugrasp.training.config import TrainConfig
 
 STATE = "state.safetensors"
@@ -26,13 +25,13 @@ Tensors = tuple[Tensor, ...] | list[Tensor]
 class Learner:
     """What a step changes."""
 
-    model: NeuGrasp
+    model: nn.Module
     average: AveragedModel
     """The moving average of the weights: what is validated and shipped."""
     optimizer: torch.optim.Adam
 
     @classmethod
-    def of(cls, model: NeuGrasp, config: TrainConfig) -> Learner:
+    def of(cls, model: nn.Module, config: TrainConfig) -> Learner:
         """A learner at its start."""
 
         def averaged(averages: Tensors, now: Tensors, count: Tensor | int) -> None:
@@ -51,9 +50,9 @@ class Learner:
         self.average.update_parameters(self.model)
 
     @property
-    def smooth(self) -> NeuGrasp:
+    def smooth(self) -> Any:
         """The network with averaged weights."""
-        return cast(NeuGrasp, self.average.module)
+        return self.average.module
 
 
 @dataclass(frozen=True)
@@ -74,6 +73,8 @@ class Identity:
     def facts(self) -> dict[str, Any]:
         """As plain data, nested names joined with dots."""
         facts = _flat(asdict(self.config)) | {"data": self.data, "init": self.init}
+        if facts["network"] == "neugrasp":
+            del facts["network"]  # States of before there were others do not say it.
         return {key: value for key, value in facts.items() if key not in MAY_CHANGE}
 
 

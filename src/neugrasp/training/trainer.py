@@ -30,11 +30,10 @@ from neugrasp.training.dataset import Batch, Records, Scenes, Steps, identity_of
 from neugrasp.training.distributed import Ranks, joined_ranks
 from neugrasp.training.log import TrainingLog
 from neugrasp.training.module import TrainingModule, bfloat16_pays
-from neugrasp.training.progress_picture import save_progress_picture
+from neugrasp.training.networks import NetworkSpec, network_spec
 from neugrasp.training.recipes import configured
 from neugrasp.training.samples import Sample, Truth
 from neugrasp.training.state import Identity, Learner, load_state, save_state, saved_facts
-from neugrasp.training.validation import validate, validate_head
 
 log = logging.getLogger(__name__)
 
@@ -70,7 +69,8 @@ def _trained(run: Train, config: TrainConfig, stop_after: int | None) -> Path:
         config = replace(config, head_steps=saved.get("head_steps", config.head_steps))
     torch.manual_seed(config.seed)
     scenes, held_out = _open_data(run, config)
-    model = NeuGrasp(config.model, scenes.workspace)
+    spec = network_spec(config.network)
+    model = spec.build(config.model, scenes.workspace)
     if run.init:
         _start_from(model, run.init)
     device = Compute.of(run.device).device
@@ -83,10 +83,13 @@ def _trained(run: Train, config: TrainConfig, stop_after: int | None) -> Path:
         start = load_state(run.out, learner, identity)
         last = min(config.steps, stop_after or config.steps)
         if start < last:
-            _train(_Run(run, config, ranks, learner, identity, held_out, len(scenes)), scenes, start, last)
+            _train(
+                _Run(run, config, spec, ranks, learner, identity, held_out, len(scenes)), scenes, start, last
+            )
         weights = run.out / "weights.safetensors"
         if ranks.leads:
-            save_checkpoint(weights, learner.smooth, _about(run, config, last, len(scenes)))
+            about = _about(run, config, last, len(scenes))
+            save_checkpoint(weights, learner.smooth, about, network=config.network)
     return weights
 
 
@@ -96,6 +99,7 @@ class _Run:
 
     run: Train
     config: TrainConfig
+    spec: NetworkSpec
     ranks: Ranks
     learner: Learner
     identity: Identity
@@ -106,7 +110,7 @@ class _Run:
 def _train(this: _Run, scenes: Scenes, start: int, last: int) -> None:
     """Steps `start` to `last`."""
     config, ranks, learner, out = this.config, this.ranks, this.learner, this.run.out
-    module = ranks.wrap(TrainingModule(learner.model, config, ranks.rank))
+    module = ranks.wrap(TrainingModule(learner.model, this.spec.losses, config, ranks.rank))
     steps = Steps(scenes, config, ranks.rank, ranks.count)
     about = asdict(config) | {"recipe": this.run.recipe}
     records = TrainingLog(out, start, this.run.loggers, about) if ranks.leads else None
@@ -143,7 +147,9 @@ def _check_out(run: Train) -> None:
         raise NeuGraspError(f"{run.out}: cannot be made ({error.strerror})") from error
 
 
-def _start_from(model: NeuGrasp, weights: str) -> None:
+def _start_from(model: nn.Module, weights: str) -> None:
+    if not isinstance(model, NeuGrasp):
+        raise InputError(f"--init {weights}: only the network neugrasp starts from weights")
     checkpoint = load_checkpoint(weights)
     if checkpoint.workspace.cube != model.workspace.cube:
         log.warning(
@@ -240,13 +246,10 @@ def _step(
 
 def _validate(this: _Run, step: int, records: TrainingLog) -> None:
     model, config, out = this.learner.smooth, this.config, this.run.out
-    scores = validate_head(model, this.held_out.truths)
-    sharpness = config.sharpness_at(step)
-    if this.held_out.samples and step > config.head_steps:
-        scores |= validate(model, this.held_out.samples, sharpness, render=config.weights.renders)
-        save_progress_picture(out / f"progress_{step:06d}.png", model, this.held_out.samples[0], sharpness)
+    scores = this.spec.judge(model, this.held_out, config, step, out)
     records.validation(step, scores)
-    save_checkpoint(out / "weights.safetensors", model, _about(this.run, config, step, this.num_scenes))
+    about = _about(this.run, config, step, this.num_scenes)
+    save_checkpoint(out / "weights.safetensors", model, about, network=config.network)
     log.info("step %d validation: %s", step, {name: round(value, 3) for name, value in scores.items()})
 
 

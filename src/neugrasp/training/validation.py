@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -79,7 +80,7 @@ def grasp_scores(volume: GraspVolume, labels: GraspLabels) -> dict[str, float]:
 
 
 @torch.no_grad()
-def validate_head(model: NeuGrasp, truths: list[Truth]) -> dict[str, float]:
+def validate_head(model: NeuGrasp, truths: Sequence[Truth]) -> dict[str, float]:
     """Means over scenes: AUC and rotation error of the grasp head on the true grids."""
     scores = Scores()
     device = next(model.parameters()).device
@@ -90,7 +91,7 @@ def validate_head(model: NeuGrasp, truths: list[Truth]) -> dict[str, float]:
 
 
 def validate(
-    model: NeuGrasp, samples: list[Sample], sharpness: float, render: bool = True
+    model: NeuGrasp, samples: Sequence[Sample], sharpness: float, render: bool = True
 ) -> dict[str, float]:
     """Means over samples: L1 under five masks beside the constants', IoU, PSNR, SSIM, AUC, rotation error.
 

@@ -1,0 +1,69 @@
+"""Networks of other packages are trained by the one loop, and play rounds with what they learned."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from safetensors.torch import load_file
+
+from ball_record import ball_record
+from neugrasp.data.records import write_record
+from neugrasp.errors import InputError
+from neugrasp.evaluation.commands import Evaluate
+from neugrasp.evaluation.run import evaluate
+from neugrasp.model.checkpoint import load_checkpoint
+from neugrasp.training.command import Train
+from neugrasp.training.config import TrainConfig
+from neugrasp.training.networks import network_spec
+from neugrasp.training.recipes import tiny
+from neugrasp.training.trainer import train
+from toy_network import NAME, ToyConfig
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> Path:
+    for seed in range(2):
+        record = ball_record(seed=seed)
+        write_record(tmp_path / "data" / "scenes" / record.name, record)
+    return tmp_path / "data"
+
+
+@pytest.fixture
+def photographer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> type:
+    monkeypatch.setenv("NEUGRASP_CACHE", str(tmp_path / "cache"))
+    monkeypatch.syspath_prepend(Path(__file__).parent.parent / "simulation")
+    return importlib.import_module("noise_photographer").NoisePhotographer
+
+
+def toy(**changes: object) -> TrainConfig:
+    return replace(
+        tiny(), network=NAME, model=ToyConfig(), head_steps=0, validate_every=1, checkpoint_every=1, **changes
+    )
+
+
+def test_a_toy_network_learns_goes_on_and_plays(data: Path, tmp_path: Path, photographer: type):
+    run = Train(recipe="toy", data=(data,), validation=(data,), out=tmp_path / "toy", loaders=0)
+    train(run, config=toy(steps=1))
+    weights = train(replace(run, resume=True), config=toy(steps=2))
+    assert load_file(weights)["height"] != 0.1
+    scores = [json.loads(line) for line in (run.out / "log.jsonl").read_text().splitlines()]
+    assert [one["validation"].keys() for one in scores if "validation" in one] == [{"height"}, {"height"}]
+    with pytest.raises(InputError, match=f"weights of the network '{NAME}', not 'neugrasp'"):
+        load_checkpoint(weights)
+    game = Evaluate(
+        out=tmp_path / "rounds", detector="toy_network:DETECTOR", weights=str(weights), rounds=1, seed=31
+    )
+    assert evaluate(game, photographer)["attempts"] >= 1
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("nowhere", "choose one of neugrasp"), ("json:loads", "is a function, not a NetworkSpec")],
+)
+def test_names_that_are_no_networks(name: str, words: str):
+    with pytest.raises(InputError, match=words):
+        network_spec(name)
