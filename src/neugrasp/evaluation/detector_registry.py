@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import importlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Literal
@@ -17,13 +17,16 @@ from typing import Any, Literal
 from neugrasp.baselines.vgn import VgnDetector, load_vgn_head
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.detection.hand_check import HandCheck
+from neugrasp.detection.judge import Judge, JudgeConfig
 from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.declutter import Finder
-from neugrasp.evaluation.measuring_sticks import Antipodal, Oracle
+from neugrasp.evaluation.measuring_sticks import Antipodal, JudgedTruth, Oracle
 from neugrasp.evaluation.protocols import protocol_of
+from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
 from neugrasp.model.checkpoint import find_weights, load_checkpoint
+from neugrasp.model.evaluator_file import find_evaluator
 
 GROUP = "neugrasp.detectors"
 
@@ -97,6 +100,17 @@ def _oracle(config: Evaluate) -> Finder[Any]:
     return Oracle(head, gripper, threshold, is_vgn=False, hand=hand)
 
 
+def _judged_truth(config: Evaluate) -> Finder[Any]:
+    return JudgedTruth(_judge(config))
+
+
+def _judge(config: Evaluate) -> Judge:
+    settings = JudgeConfig()
+    if config.threshold is not None:
+        settings = replace(settings, threshold=config.threshold)
+    return Judge.load(config.evaluator, Gripper.load(config.gripper), Workspace(), settings)
+
+
 def _antipodal(config: Evaluate) -> Finder[Any]:
     return Antipodal(Gripper.load(config.gripper), config.seed)
 
@@ -136,10 +150,18 @@ def _vgn_file(weights: str) -> Path:
     return Path(weights)
 
 
+def _evaluator_facts(config: Evaluate) -> dict[str, Any]:
+    """Name, hash and settings of the evaluator."""
+    path = find_evaluator(config.evaluator)
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    return {"evaluator": path.name, "evaluator_sha256": digest, "judge": asdict(_judge(config).config)}
+
+
 DETECTORS = {
     "neugrasp": DetectorSpec("photos", _neugrasp, _weights_facts),
     "vgn": DetectorSpec("depth", _vgn, _vgn_facts),
     "oracle": DetectorSpec("truth", _oracle, _weights_facts),
+    "oracle-evaluator": DetectorSpec("truth", _judged_truth, _evaluator_facts),
     "antipodal": DetectorSpec("truth", _antipodal),
 }
 """Those that come with the package."""

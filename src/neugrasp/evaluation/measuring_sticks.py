@@ -16,6 +16,7 @@ from neugrasp.detection.ask_head import predict_grasps
 from neugrasp.detection.decode import SelectionConfig, select_grasps
 from neugrasp.detection.detector import Detection
 from neugrasp.detection.hand_check import HandCheck
+from neugrasp.detection.judge import Judge
 from neugrasp.gripper import Gripper
 from neugrasp.model.grasp_head import GraspHead
 from neugrasp.robot.simulated_cameras import Truth
@@ -46,6 +47,22 @@ class Oracle:
         placed = truth.workspace.world_from_workspace
         grasps = tuple(grasp.moved(placed) for grasp in chosen.grasps)
         return Detection(grasps, tsdf, chosen.rejected, chosen.best_rejected, {})
+
+
+@dataclass(frozen=True)
+class JudgedTruth:
+    """The evaluator of grasps on the true TSDF."""
+
+    judge: Judge
+
+    def detect(self, truth: Truth) -> Detection:
+        """What the judge finds, best first."""
+        tsdf = truth.tsdf.values
+        chosen = self.judge.find(tsdf, truth.workspace)
+        placed = truth.workspace.world_from_workspace
+        grasps = tuple(grasp.moved(placed) for grasp in chosen.grasps)
+        threshold = self.judge.config.threshold
+        return Detection(grasps, tsdf, chosen.rejected, chosen.best_rejected, {}, threshold)
 
 
 @dataclass(frozen=True)

@@ -91,6 +91,19 @@ def find_weights(name_or_path: str | Path) -> Path:
 def load_checkpoint(name_or_path: str | Path) -> Checkpoint:
     """Reads weights by name or from a file. Raises `InputError` on a damaged, foreign or newer file."""
     path = find_weights(name_or_path)
+    metadata, tensors = read_weights(path, FORMAT, "NeuGrasp weights")
+    config = _config_from(described(path, metadata, "config"))
+    workspace = workspace_from(path, metadata)
+    _check_tensors(path, config, tensors)
+    about = described(path, metadata, "about") if "about" in metadata else Fields(str(path), {}, "about.")
+    return Checkpoint(config, tensors, _checked_about(about), workspace)
+
+
+def read_weights(path: Path, kind: str, words: str) -> tuple[dict[str, str], dict[str, Tensor]]:
+    """Metadata and tensors of a weights file of the format `kind`, which messages call `words`.
+
+    Raises `InputError` on a damaged, foreign or newer file.
+    """
     try:
         with safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}
@@ -105,15 +118,11 @@ def load_checkpoint(name_or_path: str | Path) -> Checkpoint:
         AttributeError,
     ) as error:
         raise InputError(f"{path}: not a readable safetensors file ({error})") from error
-    if metadata.get("format") != FORMAT:
+    if metadata.get("format") != kind:
         found = f"{metadata.get('format')!r}"[:40]
-        raise InputError(f"{path}: not NeuGrasp weights (format {found}, not {FORMAT!r})")
+        raise InputError(f"{path}: not {words} (format {found}, not {kind!r})")
     _check_version(path, metadata.get("version", ""))
-    config = _config_from(_described(path, metadata, "config"))
-    workspace = _workspace_from(path, metadata)
-    _check_tensors(path, config, tensors)
-    about = _described(path, metadata, "about") if "about" in metadata else Fields(str(path), {}, "about.")
-    return Checkpoint(config, tensors, _checked_about(about), workspace)
+    return metadata, tensors
 
 
 def _check_version(path: Path, version: str) -> None:
@@ -125,7 +134,7 @@ def _check_version(path: Path, version: str) -> None:
         raise InputError(f"{path}: format version {version[:20]!r}; this program reads {VERSION}")
 
 
-def _described(path: Path, metadata: dict[str, str], entry: str) -> Fields:
+def described(path: Path, metadata: dict[str, str], entry: str) -> Fields:
     """The JSON object in the metadata."""
     if entry not in metadata:
         raise InputError(f"{path}: not NeuGrasp weights (no {entry} in its metadata)")
@@ -133,34 +142,32 @@ def _described(path: Path, metadata: dict[str, str], entry: str) -> Fields:
     return Fields(str(path), Fields(where, parse_json(metadata[entry], where)).data, f"{entry}.")
 
 
-def _config_from(described: Fields) -> ModelConfig:
+def _config_from(told: Fields) -> ModelConfig:
     known = {one.name: one.default for one in fields(ModelConfig)}
-    if unknown := set(described.data) - known.keys():
+    if unknown := set(told.data) - known.keys():
         names = sorted(unknown)[:3]
-        raise InputError(
-            f"{described.source}: its configuration has unknown entries {names}; update neugrasp"
-        )
-    entries = {name: _entry(described, name, known[name]) for name in described.data}
+        raise InputError(f"{told.source}: its configuration has unknown entries {names}; update neugrasp")
+    entries = {name: _entry(told, name, known[name]) for name in told.data}
     config = ModelConfig(**entries)
     for name in ("feature_dim", "volume_dim"):
         if getattr(config, name) < 2:
-            raise described.refuse(name, f"is {getattr(config, name)}; layers of half as many must have one")
+            raise told.refuse(name, f"is {getattr(config, name)}; layers of half as many must have one")
     if config.image_size % 16:
-        raise described.refuse("image_size", f"is {config.image_size}; it must be a multiple of 16")
+        raise told.refuse("image_size", f"is {config.image_size}; it must be a multiple of 16")
     return config
 
 
-def _workspace_from(path: Path, metadata: dict[str, str]) -> Workspace:
+def workspace_from(path: Path, metadata: dict[str, str]) -> Workspace:
     """The cube that is written down; weights of before it was are for the usual one."""
     if "workspace" not in metadata:
         return Workspace()
-    described = _described(path, metadata, "workspace")
-    described.only(CUBE)
-    resolution = described.whole("resolution", 8, 256)
+    cube = described(path, metadata, "workspace")
+    cube.only(CUBE)
+    resolution = cube.whole("resolution", 8, 256)
     if resolution % 8:
-        raise described.refuse("resolution", f"is {resolution}; it must be a multiple of 8")
+        raise cube.refuse("resolution", f"is {resolution}; it must be a multiple of 8")
     size, table_height, truncation = (
-        described.number(name, 1e-3, 10, "metres") for name in CUBE if name != "resolution"
+        cube.number(name, 1e-3, 10, "metres") for name in CUBE if name != "resolution"
     )
     return Workspace(size, resolution, table_height, truncation)
 

@@ -109,7 +109,7 @@ class _Run:
     run: TrainRun
     config: TrainConfig
     ranks: Ranks
-    learner: Learner
+    learner: Learner[NeuGrasp]
     identity: Identity
     held_out: _HeldOut
     num_scenes: int
@@ -223,7 +223,7 @@ def _places(folder: Path) -> list[tuple[Records, int]]:
 
 
 def _step(
-    module: nn.Module, learner: Learner, batch: Batch, config: TrainConfig, step: int
+    module: nn.Module, learner: Learner[NeuGrasp], batch: Batch, config: TrainConfig, step: int
 ) -> dict[str, float]:
     """One update; everything random in it follows from the seed and the step's number."""
     for group in learner.optimizer.param_groups:

@@ -1,0 +1,141 @@
+"""Grasps found by drawing candidates from a surface and asking an evaluator which of them hold."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from neugrasp.detection.candidates import Candidates
+from neugrasp.detection.decode import Selection
+from neugrasp.errors import InputError
+from neugrasp.geometry.fusion import Grid
+from neugrasp.geometry.pose import Array
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.grasp import Grasp
+from neugrasp.gripper import Gripper
+from neugrasp.model.evaluator_file import load_evaluator
+from neugrasp.model.grasp_evaluator import FineGrid, GraspEvaluator, boxes, numbers
+
+OPENING_POINTS = 33
+"""Places along the closing direction at which it is looked how wide something is."""
+
+
+@dataclass(frozen=True)
+class JudgeConfig:
+    """How the judge seeks."""
+
+    threshold: float = 0.7
+    """Probability below which nothing is a grasp."""
+    margin: float = 0.1
+    """By how much less sure than the best one a grasp may be."""
+    draws: int = 1000
+    """Candidates that are drawn from the surface."""
+    refined: int = 40
+    """Of the best ones, so many are tried a little beside themselves."""
+    each: int = 8
+    """Places beside, in each of `rounds` rounds."""
+    rounds: int = 2
+    apart: float = 0.02
+    """Metres between the TCPs of two grasps that are told."""
+    most: int = 24
+    """Grasps that are told."""
+
+
+class Judge:
+    """Candidates of a gripper and the network that judges them."""
+
+    def __init__(self, network: GraspEvaluator, gripper: Gripper, config: JudgeConfig | None = None):
+        self.network = network.eval()
+        self.gripper = gripper
+        self.config = config or JudgeConfig()
+        self.candidates = Candidates(gripper)
+
+    @classmethod
+    def load(
+        cls, name: str, gripper: Gripper, workspace: Workspace, config: JudgeConfig | None = None
+    ) -> Judge:
+        """From a shipped evaluator by name, or a file. Raises `InputError` where it reads another cube."""
+        found = load_evaluator(name)
+        if found.workspace.cube != workspace.cube:
+            raise InputError(
+                f"the evaluator {name} reads {found.workspace.describe()}, not {workspace.describe()}"
+            )
+        return cls(found.model(), gripper, config)
+
+    def find(self, tsdf: Grid, workspace: Workspace, others: Array | None = None) -> Selection:
+        """Grasps in the workspace frame, best first; the same grid gives the same. `others` (n, 4, 4) are
+        poses to be judged besides, such as the peaks of the grasp head."""
+        config, rng = self.config, np.random.default_rng(zlib.crc32(np.ascontiguousarray(tsdf).tobytes()))
+        fine = FineGrid.of(torch.from_numpy(np.asarray(tsdf, np.float32)), workspace)
+        poses = self.candidates.draw(tsdf, workspace, rng, config.draws)
+        drawn = len(poses)
+        if others is not None:
+            poses = np.concatenate([poses, others])
+        said = self.probabilities(fine, workspace, poses)
+        for _ in range(config.rounds if len(poses) else 0):
+            best = np.argsort(-said, kind="stable")[: config.refined]
+            near = self.candidates.around(poses[best], rng, config.each)
+            near = near[self.candidates.comes_through(tsdf, workspace, near)]
+            poses = np.concatenate([poses, near])
+            said = np.concatenate([said, self.probabilities(fine, workspace, near)])
+        sure = np.argsort(-said, kind="stable")[: 10 * config.refined]
+        poses = poses[sure]
+        said = self.probabilities(fine, workspace, poses, symmetric=True)
+        best_said = float(said.max(initial=0.0))
+        good = said >= max(config.threshold, best_said - config.margin)
+        kept = apart(poses, np.where(good, said, 0.0), config.apart)[: config.most]
+        widths = self.widths(tsdf, workspace, poses[kept])
+        grasps = tuple(
+            Grasp(poses[k], float(width), float(said[k])) for k, width in zip(kept, widths, strict=True)
+        )
+        rejected = {
+            "hand_would_collide": config.draws - drawn,
+            "quality_below_threshold": int(np.count_nonzero(~good)),
+            "not_the_best_nearby": int(np.count_nonzero(good)) - len(kept),
+        }
+        return Selection(grasps, rejected, best_said)
+
+    @torch.no_grad()
+    def probabilities(
+        self, fine: FineGrid, workspace: Workspace, poses: Array, symmetric: bool = False
+    ) -> NDArray[np.float32]:
+        """What the network says (k,) of TCP poses (k, 4, 4); `symmetric` is the mean over mirror images."""
+        told = torch.from_numpy(poses.astype(np.float32))
+        ask = self.network.symmetric if symmetric else self.network
+        said: NDArray[np.float32] = (
+            ask(boxes(fine, told), numbers(told, workspace)).sigmoid().numpy()
+            if len(poses)
+            else np.zeros(0, np.float32)
+        )
+        return said
+
+    def widths(self, tsdf: Grid, workspace: Workspace, poses: Array) -> Array:
+        """How wide (k,), metres, what lies between the pads is: from the first place inside to the last."""
+        half = self.gripper.max_opening / 2
+        y = np.linspace(-half, half, OPENING_POINTS)
+        line = np.stack([np.zeros_like(y), y, np.zeros_like(y)], axis=-1)
+        places = line @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
+        index = np.clip(workspace.index_of(places), 0, workspace.resolution - 1)
+        inside = tsdf[index[..., 0], index[..., 1], index[..., 2]] < 0
+        first, last = inside.argmax(axis=1), len(y) - 1 - inside[:, ::-1].argmax(axis=1)
+        found: Array = np.where(inside.any(axis=1), y[last] - y[first], 0.0)
+        return found
+
+
+def apart(poses: Array, said: NDArray[np.floating], distance: float) -> list[int]:
+    """Numbers of poses (k, 4, 4), best first, no two of whose TCPs are nearer than `distance` metres.
+
+    Those that were given 0 are left out.
+    """
+    kept: list[int] = []
+    for k in np.argsort(-said, kind="stable"):
+        if said[k] <= 0:
+            break
+        there = poses[kept, :3, 3]
+        if not kept or np.linalg.norm(there - poses[k, :3, 3], axis=1).min() >= distance:
+            kept.append(int(k))
+    return kept
