@@ -19,13 +19,14 @@ try:
     from neugrasp.detection.steering import Steering
     from neugrasp.doctor.command import Doctor
     from neugrasp.doctor.findings import Verdict
-    from neugrasp.errors import InputError, NeuGraspError
+    from neugrasp.errors import NeuGraspError
     from neugrasp.evaluation.commands import Compare, Evaluate, Failures, Results, Story, Validate
     from neugrasp.exporters.command import Export
     from neugrasp.figures.command import Figure
     from neugrasp.importers.command import Import, PrintBoard
     from neugrasp.report.command import DataSheet
     from neugrasp.terminal import check_command, printable, speak_plainly
+    from neugrasp.training.command import Train, TrainEvaluator
     from neugrasp.viewer.command import Viewer
 except KeyboardInterrupt:
     # These take the first second of the program: whoever ends it then has made no mistake.
@@ -163,58 +164,6 @@ class Generate:
         print(printable(f"{len(folders)} scenes in {self.out}"))
 
 
-@dataclass(frozen=True)
-class Train:
-    """Trains the network on generated scenes. Goes on with --resume exactly where it stopped."""
-
-    data: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="DIR [DIR ...]")]
-    """Folders made by `neugrasp generate`, or of shards packed from them."""
-    out: Folder
-    """Where weights, checkpoints and logs are written."""
-    recipe: str = "small"
-    """Model, losses and schedule, by name (src/neugrasp/training/recipes.py)."""
-    validation: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="DIR [DIR ...]")] = ()
-    """Folders to validate on; without any, every twentieth scene is kept aside."""
-    init: str | None = None
-    """Weights to start from, by name or file; of another network than the recipe's, only the grasp head is
-    taken."""
-    device: Literal["cpu", "cuda"] = "cpu"
-    """Where to compute."""
-    steps: int | None = None
-    """Instead of the recipe's number of steps."""
-    seed: int = 0
-    """Of the first weights and of the order of the samples."""
-    scenes: int | None = None
-    """Train on so many of the scenes, evenly spread over --data; by default on all."""
-    resume: bool = False
-    """Go on from the last checkpoint in --out."""
-    loaders: int = 1
-    """Processes that prepare scenes while a step runs; 0: none, so that each step waits for its own."""
-
-    def run(self) -> Path:
-        import torch
-
-        from neugrasp.training.trainer import TrainRun, train
-
-        if self.device == "cuda" and not torch.cuda.is_available():
-            raise InputError("--device cuda: PyTorch sees no CUDA device here; use --device cpu")
-        return train(
-            TrainRun(
-                recipe=self.recipe,
-                data=self.data,
-                out=self.out,
-                validation=self.validation,
-                init=self.init,
-                device=self.device,
-                steps=self.steps,
-                seed=self.seed,
-                scenes=self.scenes,
-                resume=self.resume,
-                loaders=self.loaders,
-            )
-        )
-
-
 class Command(Protocol):
     """Options as fields, and what is done with them; what it returns is printed."""
 
@@ -231,6 +180,7 @@ COMMANDS: dict[str, Callable[..., Command]] = {
     "import": _positional(Import),
     "generate": Generate,
     "train": Train,
+    "train-evaluator": TrainEvaluator,
     "evaluate": Evaluate,
     "board": PrintBoard,
     "export": _positional(Export),

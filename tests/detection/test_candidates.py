@@ -62,7 +62,7 @@ def test_many_of_them_close_on_the_ball(candidates: Candidates):
 def test_a_hand_in_the_table_or_in_the_ball_does_not_come_through(candidates: Candidates):
     down = np.diag([1.0, -1.0, -1.0])
     over, in_table = rigid(down, CENTRE), rigid(down, (0.16, 0.14, 0.04))
-    astride = rigid(down, CENTRE + (0, 0.04, 0))  # a finger in the middle of the ball
+    astride = rigid(down, (0.16, 0.18, 0.09))  # a finger in the middle of the ball
     sideways = rigid([[1, 0, 0], [0, 0, 1], [0, -1, 0]], CENTRE)
     found = candidates.comes_through(grid_of(), WORKSPACE, np.stack([over, in_table, astride, sideways]))
     assert found.tolist() == [True, False, False, False]

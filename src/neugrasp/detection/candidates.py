@@ -85,7 +85,7 @@ class Candidates:
         Half of what is drawn are antipodal pairs. Fewer, or none, come back where little is free.
         """
         cloud = surface_cloud(tsdf, workspace)
-        if not len(cloud.points):
+        if not count or not len(cloud.points):
             return np.zeros((0, 4, 4))
         poses = np.concatenate(
             [

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from neugrasp.detection.ask_head import predict_grasps
-from neugrasp.detection.decode import SelectionConfig, select_grasps
+from neugrasp.detection.decode import Prediction, Selection, SelectionConfig, select_grasps
 from neugrasp.detection.hand_check import HandCheck
+from neugrasp.detection.judge import Judge
 from neugrasp.errors import InputError
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
@@ -66,8 +67,14 @@ class Stopwatch:
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
 
 
+HINTS = 0.3
+"""Smoothed quality from which the head's peaks are judged beside what is drawn from the surface."""
+
+
 class NeuGraspDetector:
     """Photos to grasps with the network. Features of the last backgrounds are kept and reused.
+
+    With a `judge` the head only proposes; what is a grasp, and how sure, the evaluator says.
 
     One detector serves many threads, and many cells in turn.
     """
@@ -78,11 +85,13 @@ class NeuGraspDetector:
         gripper: Gripper,
         selection: SelectionConfig | None = None,
         device: str | torch.device = "cpu",
+        judge: Judge | None = None,
     ):
         self.model = model.to(device).eval()
         self.gripper = gripper
         self.selection = selection or SelectionConfig()
         self.device = torch.device(device)
+        self.judge = judge
         self._cached: tuple[Tensor, Tensor] | None = None
         """The backgrounds seen last and their feature maps."""
 
@@ -94,20 +103,25 @@ class NeuGraspDetector:
         device: str | torch.device = "cpu",
         threshold: float | None = None,
         hand_check: bool = True,
+        evaluator: str | Path | None = None,
     ) -> NeuGraspDetector:
         """From shipped weights by name or a weights file, and a gripper by name or file.
 
         Without a `threshold`, the one noted with the weights when they were judged, else the paper's. With
         `hand_check`, grasps go as deep as the reconstructed surface lets the hand; those that would meet it,
-        or close on nothing, are dropped, and those that hold a rim only, where others hold more.
+        or close on nothing, are dropped, and those that hold a rim only, where others hold more. With an
+        `evaluator`, by name or file, that one judges instead, and the threshold is its own.
         Raises `InputError` where weights, gripper or threshold cannot be used.
         """
         checkpoint = load_checkpoint(weights)
-        if threshold is None:
-            threshold = float(checkpoint.about.get("threshold", SelectionConfig.threshold))
-        if not 0 <= threshold <= 1:
+        if threshold is not None and not 0 <= threshold <= 1:
             raise InputError(f"threshold {threshold}: must lie between 0 and 1")
         hand = Gripper.load(gripper)
+        if evaluator is not None:
+            judge = Judge.load(evaluator, hand, checkpoint.workspace, threshold)
+            return cls(checkpoint.model(), hand, SelectionConfig(threshold=HINTS), device, judge)
+        if threshold is None:
+            threshold = float(checkpoint.about.get("threshold", SelectionConfig.threshold))
         selection = SelectionConfig(threshold=threshold, hand=HandCheck(hand) if hand_check else None)
         return cls(checkpoint.model(), hand, selection, device)
 
@@ -137,7 +151,7 @@ class NeuGraspDetector:
                 self.model.head, reconstruction.tsdf.float().cpu().numpy(), self.device
             )
         with watch.stage("selection"):
-            chosen = select_grasps(prediction, self.model.workspace, self.gripper, self.selection)
+            chosen = self._chosen(prediction)
             placed = views.workspace.world_from_workspace
             grasps = tuple(grasp.moved(placed) for grasp in chosen.grasps)
         return Detection(
@@ -146,8 +160,15 @@ class NeuGraspDetector:
             chosen.rejected,
             chosen.best_rejected,
             watch.seconds,
-            self.selection.threshold,
+            self.selection.threshold if self.judge is None else self.judge.config.threshold,
         )
+
+    def _chosen(self, prediction: Prediction) -> Selection:
+        chosen = select_grasps(prediction, self.model.workspace, self.gripper, self.selection)
+        if self.judge is None:
+            return chosen
+        peaks = np.array([grasp.pose for grasp in chosen.grasps], np.float64).reshape(-1, 4, 4)
+        return self.judge.find(prediction.tsdf, self.model.workspace, peaks)
 
     def _backgrounds(self, inputs: ViewTensors) -> Tensor | None:
         if not self.model.config.use_backgrounds:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -56,14 +57,19 @@ class Judge:
 
     @classmethod
     def load(
-        cls, name: str, gripper: Gripper, workspace: Workspace, config: JudgeConfig | None = None
+        cls, name: str | Path, gripper: Gripper, workspace: Workspace, threshold: float | None = None
     ) -> Judge:
-        """From a shipped evaluator by name, or a file. Raises `InputError` where it reads another cube."""
+        """From a shipped evaluator by name, or a file; without a `threshold`, the one noted there.
+
+        Raises `InputError` where it reads another cube.
+        """
         found = load_evaluator(name)
         if found.workspace.cube != workspace.cube:
             raise InputError(
                 f"the evaluator {name} reads {found.workspace.describe()}, not {workspace.describe()}"
             )
+        noted = found.about.get("threshold", JudgeConfig.threshold)
+        config = JudgeConfig(threshold=float(noted if threshold is None else threshold))
         return cls(found.model(), gripper, config)
 
     def find(self, tsdf: Grid, workspace: Workspace, others: Array | None = None) -> Selection:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import importlib
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Literal
@@ -17,7 +17,7 @@ from typing import Any, Literal
 from neugrasp.baselines.vgn import VgnDetector, load_vgn_head
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.detection.hand_check import HandCheck
-from neugrasp.detection.judge import Judge, JudgeConfig
+from neugrasp.detection.judge import Judge
 from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.declutter import Finder
@@ -105,10 +105,13 @@ def _judged_truth(config: Evaluate) -> Finder[Any]:
 
 
 def _judge(config: Evaluate) -> Judge:
-    settings = JudgeConfig()
-    if config.threshold is not None:
-        settings = replace(settings, threshold=config.threshold)
-    return Judge.load(config.evaluator, Gripper.load(config.gripper), Workspace(), settings)
+    return Judge.load(config.evaluator, Gripper.load(config.gripper), Workspace(), config.threshold)
+
+
+def _evaluator(config: Evaluate) -> Finder[Any]:
+    return NeuGraspDetector.load(
+        config.weights, config.gripper, threshold=config.threshold, evaluator=config.evaluator
+    )
 
 
 def _antipodal(config: Evaluate) -> Finder[Any]:
@@ -159,6 +162,9 @@ def _evaluator_facts(config: Evaluate) -> dict[str, Any]:
 
 DETECTORS = {
     "neugrasp": DetectorSpec("photos", _neugrasp, _weights_facts),
+    "neugrasp-evaluator": DetectorSpec(
+        "photos", _evaluator, lambda config: {**_weights_facts(config), **_evaluator_facts(config)}
+    ),
     "vgn": DetectorSpec("depth", _vgn, _vgn_facts),
     "oracle": DetectorSpec("truth", _oracle, _weights_facts),
     "oracle-evaluator": DetectorSpec("truth", _judged_truth, _evaluator_facts),

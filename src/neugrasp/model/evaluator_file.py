@@ -89,11 +89,14 @@ def load_evaluator(name_or_path: str | Path) -> EvaluatorFile:
     widths = config.list("widths")
     if len(widths) != 3 or not all(isinstance(w, int) and 0 < w <= WIDEST for w in widths):
         raise config.refuse("widths", f"is {widths}; it must be three whole numbers of 1 to {WIDEST}")
+    about = described(path, metadata, "about")
+    if "threshold" in about.data:
+        about.number("threshold", 0, 1)
     found = EvaluatorFile(
         (widths[0], widths[1], widths[2]),
         config.whole("hidden", 1, WIDEST),
         tensors,
-        described(path, metadata, "about").data,
+        about.data,
         workspace_from(path, metadata),
     )
     with torch.device("meta"):

@@ -234,3 +234,17 @@ def judgement(model: GraspEvaluator, seen: Seen) -> dict[str, float]:
             scores[f"{name} held"] = float(held_at_all[here].mean())
             gaps += here.sum() * abs(scores[f"{name} said"] - scores[f"{name} held"])
     return scores | {"calibration_error": float(gaps / len(said))}
+
+
+def reliability_table(weights: Path) -> str:
+    """The scores noted with an evaluator, and its reliability curve, for people."""
+    scores = load_evaluator(weights).about["scores"]
+    lines = [f"{name:<18} {scores[name]:.3f}" for name in scores if " " not in name]
+    lines += ["", "said            trials   said   held"]
+    for number in range(BINS):
+        name = f"from {number / BINS:g}"
+        if f"{name} trials" in scores:
+            count, said, held_share = (scores[f"{name} {what}"] for what in ("trials", "said", "held"))
+            span = f"{number / BINS:g} to {(number + 1) / BINS:g}"
+            lines.append(f"{span:<15} {count:>6.0f}  {said:>5.2f}  {held_share:>5.2f}")
+    return "\n".join([*lines, "", f"{weights}"])
