@@ -75,7 +75,7 @@ def test_an_empty_table_has_no_grasps():
 
 
 def test_every_candidate_ends_as_a_grasp_or_in_a_count():
-    config = JudgeConfig(threshold=1.0, draws=100, rounds=0)
+    config = JudgeConfig(threshold=1.0, draws=100, rounds=0, margin=0)
     chosen = Judge(Deep(), GRIPPER, config).find(grid_of(CENTRE), WORKSPACE)
     assert chosen.grasps == ()
     assert sum(chosen.rejected.values()) == 100

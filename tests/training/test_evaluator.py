@@ -106,7 +106,7 @@ def test_it_learns_where_a_ball_is_held(data, tmp_path):
     assert scores["auc"] > 0.9
     table = reliability_table(weights)
     assert "auc_free" in table
-    assert sum(value for name, value in scores.items() if name.endswith("trials")) == 80
+    assert sum(value for name, value in scores.items() if name.endswith("trials")) == 40
 
 
 def test_the_reliability_curve_of_one_who_knows_nothing(data):

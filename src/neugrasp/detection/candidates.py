@@ -97,7 +97,10 @@ class Candidates:
         return poses[self.comes_through(tsdf, workspace, poses)][:count]
 
     def around(self, poses: Array, rng: np.random.Generator, each: int) -> Array:
-        """So many poses (n each, 4, 4) around each of the TCP poses (n, 4, 4): turned, and moved a little."""
+        """So many poses (n each, 4, 4) around each of the TCP poses (n, 4, 4): turned, and moved a little.
+
+        By some 6 deg about x and y, 14 deg about the approach, 4 mm, and 7 mm along the approach.
+        """
         count = len(poses) * each
         moved = np.repeat(poses, each, axis=0)
         turns = Rotation.from_rotvec(rng.normal(0, [0.1, 0.1, 0.25], (count, 3))).as_matrix()

@@ -21,8 +21,10 @@ from neugrasp.gripper import Gripper
 from neugrasp.model.evaluator_file import load_evaluator
 from neugrasp.model.grasp_evaluator import FineGrid, GraspEvaluator, boxes, numbers
 
+OPENING_DEPTHS = (-0.012, -0.004, 0.004)
+"""Metres along the approach from the TCP at which it is looked how wide something is: where the pads are."""
 OPENING_POINTS = 33
-"""Places along the closing direction at which it is looked how wide something is."""
+"""Places along the closing direction at each of them."""
 
 
 @dataclass(frozen=True)
@@ -31,12 +33,12 @@ class JudgeConfig:
 
     threshold: float = 0.7
     """Probability below which nothing is a grasp."""
-    margin: float = 0.1
+    margin: float = 0.04
     """By how much less sure than the best one a grasp may be."""
     draws: int = 1000
     """Candidates that are drawn from the surface."""
     refined: int = 40
-    """Of the best ones, so many are tried a little beside themselves."""
+    """The best of so many places are tried a little beside themselves."""
     each: int = 8
     """Places beside, in each of `rounds` rounds."""
     rounds: int = 2
@@ -78,31 +80,27 @@ class Judge:
         config, rng = self.config, np.random.default_rng(zlib.crc32(np.ascontiguousarray(tsdf).tobytes()))
         fine = FineGrid.of(torch.from_numpy(np.asarray(tsdf, np.float32)), workspace)
         poses = self.candidates.draw(tsdf, workspace, rng, config.draws)
-        drawn = len(poses)
         if others is not None:
             poses = np.concatenate([poses, others])
         said = self.probabilities(fine, workspace, poses)
         for _ in range(config.rounds if len(poses) else 0):
-            best = np.argsort(-said, kind="stable")[: config.refined]
+            best = apart(poses, said, config.apart)[: config.refined]
             near = self.candidates.around(poses[best], rng, config.each)
             near = near[self.candidates.comes_through(tsdf, workspace, near)]
             poses = np.concatenate([poses, near])
             said = np.concatenate([said, self.probabilities(fine, workspace, near)])
-        sure = np.argsort(-said, kind="stable")[: 10 * config.refined]
-        poses = poses[sure]
-        said = self.probabilities(fine, workspace, poses, symmetric=True)
+        places = apart(poses, said, config.apart)
+        said = self.probabilities(fine, workspace, poses[places], symmetric=True)
         best_said = float(said.max(initial=0.0))
         good = said >= max(config.threshold, best_said - config.margin)
-        kept = apart(poses, np.where(good, said, 0.0), config.apart)[: config.most]
-        widths = self.widths(tsdf, workspace, poses[kept])
-        grasps = tuple(
-            Grasp(poses[k], float(width), float(said[k])) for k, width in zip(kept, widths, strict=True)
-        )
+        order = np.argsort(-said, kind="stable")[: np.count_nonzero(good)][: config.most]
+        chosen = poses[places][order]
+        told = zip(chosen, self.widths(tsdf, workspace, chosen), said[order], strict=True)
         rejected = {
-            "hand_would_collide": config.draws - drawn,
-            "quality_below_threshold": int(np.count_nonzero(~good)),
-            "not_the_best_nearby": int(np.count_nonzero(good)) - len(kept),
+            "not_the_best_nearby": len(poses) - len(places),
+            "quality_below_threshold": len(places) - len(order),
         }
+        grasps = tuple(Grasp(pose, float(width), float(score)) for pose, width, score in told)
         return Selection(grasps, rejected, best_said)
 
     @torch.no_grad()
@@ -123,10 +121,10 @@ class Judge:
         """How wide (k,), metres, what lies between the pads is: from the first place inside to the last."""
         half = self.gripper.max_opening / 2
         y = np.linspace(-half, half, OPENING_POINTS)
-        line = np.stack([np.zeros_like(y), y, np.zeros_like(y)], axis=-1)
-        places = line @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
+        lines = np.stack([np.stack([0 * y, y, 0 * y + z], axis=-1) for z in OPENING_DEPTHS])
+        places = np.einsum("kij,dpj->kdpi", poses[:, :3, :3], lines) + poses[:, None, None, :3, 3]
         index = np.clip(workspace.index_of(places), 0, workspace.resolution - 1)
-        inside = tsdf[index[..., 0], index[..., 1], index[..., 2]] < 0
+        inside = np.any(tsdf[index[..., 0], index[..., 1], index[..., 2]] < 0, axis=1)
         first, last = inside.argmax(axis=1), len(y) - 1 - inside[:, ::-1].argmax(axis=1)
         found: Array = np.where(inside.any(axis=1), y[last] - y[first], 0.0)
         return found

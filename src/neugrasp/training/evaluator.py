@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import math
+import zlib
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -28,8 +29,8 @@ from neugrasp.training.state import Identity, Learner, load_state, save_state
 
 log = logging.getLogger(__name__)
 
-HELD_OUT = 10
-"""One file of so many is kept aside."""
+HELD_OUT = 8
+"""About one scene of so many is kept aside, in whatever folder its name stands."""
 BINS = 10
 """Of the reliability curve."""
 CLIP = 1.0
@@ -117,7 +118,7 @@ def train_evaluator(run: EvaluatorRun, stop_after: int | None = None) -> Path:
     if any(run.out.glob("*.safetensors")) and not run.resume:
         raise InputError(f"{run.out}: holds an earlier run; add --resume to go on with it, or another --out")
     files = _files(run.data)
-    aside = files[::HELD_OUT]
+    aside = [file for file in files if is_held_out(file)]
     torch.manual_seed(config.seed)
     model = load_evaluator(run.init).model().train() if run.init else _new(config)
     learner = Learner.of(model, config)
@@ -138,14 +139,21 @@ def train_evaluator(run: EvaluatorRun, stop_after: int | None = None) -> Path:
     return weights
 
 
+def is_held_out(file: Path) -> bool:
+    """Whether the scene of that name is judged with, and never taught."""
+    return zlib.crc32(file.stem.encode()) % HELD_OUT == 0
+
+
 def _new(config: EvaluatorConfig) -> GraspEvaluator:
     return GraspEvaluator(config.widths, config.hidden)
 
 
 def _files(folders: tuple[Path, ...]) -> list[Path]:
     files = [file for folder in folders for file in sorted(folder.glob("[!.]*.npz"))]
-    if len(files) < 2:
-        raise InputError(f"{', '.join(map(str, folders))}: {len(files)} lessons; at least 2 are needed")
+    aside = sum(map(is_held_out, files))
+    if not 0 < aside < len(files):
+        where = ", ".join(map(str, folders))
+        raise InputError(f"{where}: {len(files)} lessons, {aside} of them to be kept aside; more are needed")
     return files
 
 
