@@ -24,7 +24,7 @@ import numpy as np
 import torch
 from over_records import sets_of, tell
 
-from neugrasp.data.lessons import Lesson, joined, write_lesson
+from neugrasp.data.lessons import ABOUT, Lesson, about_lessons, joined, write_lesson
 from neugrasp.data.records import read_record
 from neugrasp.detection.candidates import Candidates
 from neugrasp.detection.detector import NeuGraspDetector
@@ -32,7 +32,8 @@ from neugrasp.detection.judge import Judge
 from neugrasp.errors import NeuGraspError
 from neugrasp.geometry.pose import Array, to_quaternion
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.gripper import Gripper
+from neugrasp.gripper import Gripper, gripper_hash
+from neugrasp.long_runs import begun_as
 from neugrasp.model.evaluator_file import load_evaluator
 from neugrasp.model.grasp_evaluator import FineGrid
 from neugrasp.output import whole_file
@@ -186,6 +187,9 @@ def main() -> None:
     gripper, sums = Gripper.load(options.gripper), Counter[str]()
     judge = None if options.evaluator is None else Judge(load_evaluator(options.evaluator).model(), gripper)
     options.out.mkdir(parents=True, exist_ok=True)
+    begun_as(
+        options.out / ABOUT, about_lessons(gripper.name, gripper_hash(options.gripper)), "set of lessons"
+    )
     folders = [] if options.photos is None else sorted((options.photos / "scenes").glob("[!.]*"))
     detector = NeuGraspDetector.load(options.weights, options.gripper) if folders else None
     count = min(options.num, len(folders)) if folders else options.num

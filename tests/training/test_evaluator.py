@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,8 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
-from neugrasp.data.lessons import Lesson, joined, read_lesson, write_lesson
+from neugrasp.data.lessons import ABOUT, Lesson, about_lessons, joined, read_lesson, write_lesson
+from neugrasp.detection.judge import Judge
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.evaluator_file import load_evaluator
@@ -50,7 +52,12 @@ def data(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("lessons")
     for seed in range(12):
         write_lesson(folder / f"ball-{seed:02d}.npz", lesson(seed))
+    told_of(folder, "panda")
     return folder
+
+
+def told_of(folder: Path, gripper: str) -> None:
+    (folder / ABOUT).write_text(json.dumps(about_lessons(gripper, f"hash of {gripper}")))
 
 
 def test_a_lesson_comes_back_as_it_was_written(tmp_path):
@@ -126,6 +133,19 @@ def test_the_reliability_curve_of_one_who_knows_nothing(data):
 def test_no_lessons_no_training(tmp_path):
     with pytest.raises(InputError, match="0 lessons"):
         train_evaluator(EvaluatorRun(data=(tmp_path,), out=tmp_path / "out", config=TINY))
+
+
+def test_lessons_of_two_grippers_are_not_mixed(data, tmp_path):
+    write_lesson(tmp_path / "ball-05.npz", lesson(5))
+    told_of(tmp_path, "mine")
+    with pytest.raises(InputError, match="tried with mine, others with panda"):
+        train_evaluator(EvaluatorRun(data=(data, tmp_path), out=tmp_path / "out", config=TINY))
+
+
+def test_an_evaluator_knows_its_gripper(data, tmp_path):
+    weights = train_evaluator(EvaluatorRun(data=(data,), out=tmp_path, config=replace(TINY, steps=1)))
+    with pytest.raises(InputError, match="taught with the gripper 'panda', not with"):
+        Judge.load(weights, "panda", WORKSPACE)  # one of another hash
 
 
 def test_a_damaged_evaluator_is_named(data, tmp_path):

@@ -6,17 +6,24 @@ model's prediction from photos, and one file may hold several.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from neugrasp.data.fields import Fields
 from neugrasp.data.npz import npz_arrays, npz_bytes
+from neugrasp.data.strict_json import read_json
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.output import whole_file
 
+ABOUT = "lessons.json"
+"""In a folder of lessons: what all of them have in common."""
+FORMAT, VERSION = "neugrasp-lessons", 1
 COLUMNS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "positions": (np.float32, (3,)),
     "quaternions": (np.float32, (4,)),
@@ -83,3 +90,27 @@ def read_lesson(path: Path) -> Lesson:
     if count and arrays["seen"].max() >= len(arrays["grids"]):
         raise InputError(f"{path}: seen names number {arrays['seen'].max()} of {len(arrays['grids'])} grids")
     return Lesson(**arrays)
+
+
+def about_lessons(gripper: str, gripper_sha256: str) -> dict[str, Any]:
+    """What stands in `ABOUT`."""
+    return {"format": FORMAT, "version": VERSION, "gripper": gripper, "gripper_sha256": gripper_sha256}
+
+
+def gripper_of(folders: Sequence[Path]) -> dict[str, str]:
+    """Name and hash of the one gripper with which all lessons of some folders were tried.
+
+    Raises `InputError` where there are two, or a folder does not say.
+    """
+    found: dict[str, str] = {}
+    for folder in folders:
+        told = Fields(f"{folder / ABOUT}", read_json(folder / ABOUT, "what lessons have in common"))
+        told.expect(FORMAT, VERSION)
+        here = {name: told.text(name) for name in ("gripper", "gripper_sha256")}
+        if found and here != found:
+            raise InputError(
+                f"{folder / ABOUT}: these were tried with {here['gripper']}, others with {found['gripper']}; "
+                "an evaluator learns one gripper"
+            )
+        found = here
+    return found

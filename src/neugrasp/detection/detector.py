@@ -118,7 +118,7 @@ class NeuGraspDetector:
             raise InputError(f"threshold {threshold}: must lie between 0 and 1")
         hand = Gripper.load(gripper)
         if evaluator is not None:
-            judge = Judge.load(evaluator, hand, checkpoint.workspace, threshold)
+            judge = Judge.load(evaluator, gripper, checkpoint.workspace, threshold)
             return cls(checkpoint.model(), hand, SelectionConfig(threshold=HINTS), device, judge)
         if threshold is None:
             threshold = float(checkpoint.about.get("threshold", SelectionConfig.threshold))

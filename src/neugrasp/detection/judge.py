@@ -17,7 +17,7 @@ from neugrasp.geometry.fusion import Grid
 from neugrasp.geometry.pose import Array
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
-from neugrasp.gripper import Gripper
+from neugrasp.gripper import Gripper, gripper_hash
 from neugrasp.model.evaluator_file import load_evaluator
 from neugrasp.model.grasp_evaluator import FineGrid, GraspEvaluator, boxes, numbers
 
@@ -59,20 +59,25 @@ class Judge:
 
     @classmethod
     def load(
-        cls, name: str | Path, gripper: Gripper, workspace: Workspace, threshold: float | None = None
+        cls, name: str | Path, gripper: str | Path, workspace: Workspace, threshold: float | None = None
     ) -> Judge:
         """From a shipped evaluator by name, or a file; without a `threshold`, the one noted there.
 
-        Raises `InputError` where it reads another cube.
+        Raises `InputError` where it reads another cube, or was taught with another gripper.
         """
         found = load_evaluator(name)
         if found.workspace.cube != workspace.cube:
             raise InputError(
                 f"the evaluator {name} reads {found.workspace.describe()}, not {workspace.describe()}"
             )
+        if gripper_hash(gripper) != found.about.get("gripper_sha256"):
+            raise InputError(
+                f"the evaluator {name} was taught with the gripper {found.about.get('gripper')!r}, "
+                f"not with {gripper}; teach it with that one (neugrasp train-evaluator)"
+            )
         noted = found.about.get("threshold", JudgeConfig.threshold)
         config = JudgeConfig(threshold=float(noted if threshold is None else threshold))
-        return cls(found.model(), gripper, config)
+        return cls(found.model(), Gripper.load(gripper), config)
 
     def find(self, tsdf: Grid, workspace: Workspace, others: Array | None = None) -> Selection:
         """Grasps in the workspace frame, best first; the same grid gives the same. `others` (n, 4, 4) are

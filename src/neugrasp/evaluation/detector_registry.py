@@ -105,7 +105,7 @@ def _judged_truth(config: Evaluate) -> Finder[Any]:
 
 
 def _judge(config: Evaluate) -> Judge:
-    return Judge.load(config.evaluator, Gripper.load(config.gripper), Workspace(), config.threshold)
+    return Judge.load(config.evaluator, config.gripper, Workspace(), config.threshold)
 
 
 def _evaluator(config: Evaluate) -> Finder[Any]:
@@ -157,7 +157,10 @@ def _evaluator_facts(config: Evaluate) -> dict[str, Any]:
     """Name, hash and settings of the evaluator."""
     path = find_evaluator(config.evaluator)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    return {"evaluator": path.name, "evaluator_sha256": digest, "judge": asdict(_judge(config).config)}
+    judge = asdict(_judge(config).config)
+    return {
+        "evaluator": path.name, "evaluator_sha256": digest, "judge": judge, "threshold": judge["threshold"]
+    }  # fmt: skip
 
 
 DETECTORS = {

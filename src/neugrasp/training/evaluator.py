@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
-from neugrasp.data.lessons import Lesson, read_lesson
+from neugrasp.data.lessons import Lesson, gripper_of, read_lesson
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.long_runs import held, source_commit
@@ -117,7 +117,7 @@ def train_evaluator(run: EvaluatorRun, stop_after: int | None = None) -> Path:
     config, workspace = run.config, Workspace()
     if any(run.out.glob("*.safetensors")) and not run.resume:
         raise InputError(f"{run.out}: holds an earlier run; add --resume to go on with it, or another --out")
-    files = _files(run.data)
+    files, gripper = _files(run.data), gripper_of(run.data)
     aside = [file for file in files if is_held_out(file)]
     torch.manual_seed(config.seed)
     model = load_evaluator(run.init).model().train() if run.init else _new(config)
@@ -133,7 +133,13 @@ def train_evaluator(run: EvaluatorRun, stop_after: int | None = None) -> Path:
         if start < last:
             _steps(run, learner, identity, taught, judged, start, last)
         weights = run.out / "evaluator.safetensors"
-        about = {"steps": last, "trials": len(taught.success), "files": len(kept), "commit": source_commit()}
+        about = {
+            "steps": last,
+            "trials": len(taught.success),
+            "files": len(kept),
+            "commit": source_commit(),
+            **gripper,
+        }
         told = about | {"scores": judgement(learner.smooth, judged), "config": asdict(config)}
         save_evaluator(weights, learner.smooth.eval(), workspace, told)
     return weights
