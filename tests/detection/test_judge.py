@@ -83,4 +83,5 @@ def test_every_candidate_ends_as_a_grasp_or_in_a_count():
 
 def test_apart_keeps_the_best_of_each_place():
     poses = np.stack([rigid(translation=(x, 0, 0)) for x in (0.0, 0.01, 0.031, 0.05)])
-    assert apart(poses, np.array([0.5, 0.9, 0.8, 0.0]), 0.02) == [1, 2]
+    assert apart(poses, np.array([0.5, 0.9, 0.8, 0.0]), 0.02, 9) == [1, 2]
+    assert apart(poses, np.array([0.5, 0.9, 0.8, 0.0]), 0.02, 1) == [1]

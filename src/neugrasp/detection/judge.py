@@ -89,12 +89,12 @@ class Judge:
             poses = np.concatenate([poses, others])
         said = self.probabilities(fine, workspace, poses)
         for _ in range(config.rounds if len(poses) else 0):
-            best = apart(poses, said, config.apart)[: config.refined]
+            best = apart(poses, said, config.apart, config.refined)
             near = self.candidates.around(poses[best], rng, config.each)
             near = near[self.candidates.comes_through(tsdf, workspace, near)]
             poses = np.concatenate([poses, near])
             said = np.concatenate([said, self.probabilities(fine, workspace, near)])
-        places = apart(poses, said, config.apart)
+        places = apart(poses, said, config.apart, 2 * config.most)
         said = self.probabilities(fine, workspace, poses[places], symmetric=True)
         best_said = float(said.max(initial=0.0))
         good = said >= max(config.threshold, best_said - config.margin)
@@ -135,16 +135,15 @@ class Judge:
         return found
 
 
-def apart(poses: Array, said: NDArray[np.floating], distance: float) -> list[int]:
-    """Numbers of poses (k, 4, 4), best first, no two of whose TCPs are nearer than `distance` metres.
+def apart(poses: Array, said: NDArray[np.floating], distance: float, most: int) -> list[int]:
+    """Numbers of at most so many poses (k, 4, 4), best first, no two TCPs nearer than `distance` metres.
 
     Those that were given 0 are left out.
     """
     kept: list[int] = []
-    for k in np.argsort(-said, kind="stable"):
-        if said[k] <= 0:
-            break
-        there = poses[kept, :3, 3]
-        if not kept or np.linalg.norm(there - poses[k, :3, 3], axis=1).min() >= distance:
-            kept.append(int(k))
+    left = np.where(said > 0, said, -np.inf)
+    while len(kept) < most and len(left) and np.isfinite(left[best := int(left.argmax())]):
+        kept.append(best)
+        left[np.linalg.norm(poses[:, :3, 3] - poses[best, :3, 3], axis=1) < distance] = -np.inf
+        left[best] = -np.inf
     return kept

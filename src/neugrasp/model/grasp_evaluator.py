@@ -53,7 +53,7 @@ class FineGrid:
         padded[1:-1, 1:-1, 1:-1] = tsdf.float()
         edge = FINER * (size + 1) + 1
         fine = F.interpolate(padded[None, None], size=(edge,) * 3, mode="trilinear", align_corners=True)
-        levels = (fine * LEVELS).round().clamp(-LEVELS, LEVELS).to(torch.int8)
+        levels = fine.mul_(LEVELS).round_().to(torch.int8)
         return cls(levels.reshape(-1), edge, voxel / FINER, -voxel / 2)
 
 
