@@ -5,7 +5,7 @@
 
 The first makes scenes without photos and clears them object by object; in every state grasps drawn from
 the true surface are tried. The second takes the scenes of `neugrasp generate`: what the weights make of the
-photos is one surface; half of the grasps are drawn from it, half from the true one, all are shown on both.
+photos is one surface, the true one another; grasps are drawn from each and shown on it alone.
 With `--evaluator FILE` half of the poses are those that this evaluator likes best: its errors become lessons.
 
 One file NAME.npz (`data/lessons.py`) for a scene. Scenes that are there are left alone, so a run that was
@@ -135,21 +135,16 @@ class Maker:
         return lessons_of(self.world, rng, self.propose, self.each)
 
     def of_photos(self, folder: Path, predicted: np.ndarray, rng: np.random.Generator) -> Lesson | None:
-        """A photographed scene as it stands, its grasps seen on the predicted surface and on the true one."""
+        """A photographed scene as it stands, with grasps on the predicted surface and on the true one."""
         record = read_record(folder, photos="none", trials=False)
         self.world.reset(replace(record.scene, materials=()))
+        # Each pose is shown on the surface that it was drawn from alone: one from the truth has a better
+        # chance to hold something, and the evaluator would learn to believe in what it cannot see.
         found = []
         for grid in (predicted, record.tsdf):
-            found += explored(
-                self.world, grid, self.propose(grid, rng), self.propose.candidates, rng, self.each
-            )[0]
-        if not found:
-            return None
-        one = joined(found)
-        grids = np.stack([predicted, record.tsdf]).astype(np.float16)
-        first, second = (replace(one, grids=grids, seen=np.full(len(one), k, np.uint8)) for k in (0, 1))
-        doubled = joined([first, replace(second, grids=grids[:0])])
-        return replace(doubled, seen=np.concatenate([first.seen, second.seen]))
+            poses = self.propose(grid, rng)
+            found += explored(self.world, grid, poses, self.propose.candidates, rng, self.each)[0]
+        return joined(found) if found else None
 
 
 def predicted_surface(folder: Path, detector: NeuGraspDetector, cache: Path) -> np.ndarray:

@@ -40,6 +40,15 @@ def test_an_empty_table_has_no_candidates(candidates: Candidates):
     assert candidates.draw(np.ones_like(grid), WORKSPACE, np.random.default_rng(0), 50).shape == (0, 4, 4)
 
 
+@pytest.mark.parametrize("corner", [(0.0, 0.0, 0.22), (0.3, 0.3, 0.1), (0.15, 0.15, 0.25)])
+def test_what_no_camera_need_see_is_no_object(corner: tuple[float, float, float]):
+    """A lump in a corner of the cube, or above where objects are expected, as networks imagine them."""
+    cloud = surface_cloud(grid_of(np.array(corner)), WORKSPACE)
+    assert np.all(cloud.points[:, :2] > 0.02)
+    assert np.all(cloud.points[:, :2] < 0.28)
+    assert np.all(cloud.points[:, 2] < 0.2)
+
+
 def test_what_is_drawn_is_a_pose_that_comes_through(candidates: Candidates):
     grid = grid_of()
     poses = candidates.draw(grid, WORKSPACE, np.random.default_rng(0), 200)

@@ -20,6 +20,9 @@ from neugrasp.gripper import Gripper
 
 CLEARANCE = 0.005
 """Metres above the table below which surface is left alone."""
+BORDER = 0.02
+"""Metres from the sides of the cube within which surface is left alone, as labels leave it: no camera need see
+the corners, and what a network imagines there is held for an object."""
 MIN_NORMAL_Z = -0.3
 """Surface that looks further down than this is no place to begin."""
 LEAN = np.deg2rad(60)
@@ -50,7 +53,10 @@ class SurfaceCloud:
 
 
 def surface_cloud(tsdf: Grid, workspace: Workspace) -> SurfaceCloud:
-    """A point on each edge of the grid (r, r, r) whose ends have different signs, but for the table's."""
+    """A point on each edge of the grid (r, r, r) whose ends have different signs, where objects may be.
+
+    That is above the table, up to the workspace's `photo_height`, and `BORDER` from the sides.
+    """
     found = []
     for axis in range(3):
         low = np.moveaxis(tsdf, axis, 0)
@@ -62,7 +68,9 @@ def surface_cloud(tsdf: Grid, workspace: Workspace) -> SurfaceCloud:
         found.append(places[:, np.argsort([axis, *(other for other in range(3) if other != axis)])])
     places = np.concatenate(found)
     points = workspace.position_of(places)
-    kept = points[:, 2] > workspace.table_height + CLEARANCE
+    height = points[:, 2] - workspace.table_height
+    across = np.all((points[:, :2] > BORDER) & (points[:, :2] < workspace.size - BORDER), axis=1)
+    kept = across & (height > CLEARANCE) & (height < workspace.photo_height)
     points, places = points[kept], places[kept]
     slopes = np.stack([_between(gradient, places) for gradient in np.gradient(tsdf)], axis=-1)
     normals = slopes / np.maximum(np.linalg.norm(slopes, axis=1, keepdims=True), 1e-9)
