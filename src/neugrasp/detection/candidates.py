@@ -21,8 +21,8 @@ from neugrasp.gripper import Gripper
 CLEARANCE = 0.005
 """Metres above the table below which surface is left alone."""
 BORDER = 0.02
-"""Metres from the sides of the cube within which surface is left alone, as labels leave it: no camera need see
-the corners, and what a network imagines there is held for an object."""
+"""Metres from the sides of the cube within which surface is left alone, as labels leave it: no camera need
+see the corners, and what a network imagines there passes for an object."""
 MIN_NORMAL_Z = -0.3
 """Surface that looks further down than this is no place to begin."""
 LEAN = np.deg2rad(60)
