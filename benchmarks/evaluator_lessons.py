@@ -28,13 +28,12 @@ from neugrasp.data.lessons import ABOUT, Lesson, about_lessons, joined, write_le
 from neugrasp.data.records import read_record
 from neugrasp.detection.candidates import Candidates
 from neugrasp.detection.detector import NeuGraspDetector
-from neugrasp.detection.judge import Judge
+from neugrasp.detection.judge import Judge, JudgeConfig
 from neugrasp.errors import NeuGraspError
 from neugrasp.geometry.pose import Array, to_quaternion
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper, gripper_hash
 from neugrasp.long_runs import begun_as
-from neugrasp.model.evaluator_file import load_evaluator
 from neugrasp.model.grasp_evaluator import FineGrid
 from neugrasp.output import whole_file
 from neugrasp.simulation.arrange import arrange
@@ -48,6 +47,8 @@ MOST_AROUND = 20
 Propose = Callable[[np.ndarray, np.random.Generator], Array]
 """From a grid to poses to try."""
 UNSURE = (0.2, 0.9)
+LIKED = JudgeConfig(threshold=0.2, margin=1.0, most=40)
+"""How an evaluator's favourites are sought: down to those that a detector would not tell."""
 
 
 @dataclass(frozen=True)
@@ -63,16 +64,13 @@ class Proposals:
         workspace = Workspace()
         if self.judge is None:
             return self.candidates.draw(grid, workspace, rng, self.count)
-        poses = self.candidates.draw(grid, workspace, rng, 1000)
+        drawn = self.candidates.draw(grid, workspace, rng, 1000)
+        told = [grasp.pose for grasp in self.judge.find(grid, workspace).grasps]
         fine = FineGrid.of(torch.from_numpy(np.asarray(grid, np.float32)), workspace)
-        said = self.judge.probabilities(fine, workspace, poses)
-        best = np.argsort(-said)[:30]
-        near = self.candidates.around(poses[best], rng, 6)
-        near = near[self.candidates.comes_through(grid, workspace, near)]
-        liked = near[np.argsort(-self.judge.probabilities(fine, workspace, near))[: self.count // 4]]
-        unsure = np.flatnonzero((said > UNSURE[0]) & (said < UNSURE[1]))
-        unsure = rng.permutation(unsure)[: self.count // 4]
-        return np.concatenate([liked, poses[unsure], poses[: self.count // 2]])
+        said = self.judge.probabilities(fine, workspace, drawn)
+        unsure = rng.permutation(np.flatnonzero((said > UNSURE[0]) & (said < UNSURE[1])))
+        liked = np.array(told).reshape(-1, 4, 4)
+        return np.concatenate([liked, drawn[unsure[: self.count // 4]], drawn[: self.count // 2]])
 
 
 def tried(world: World, grid: np.ndarray, poses: Array) -> tuple[Lesson, list[Trial]]:
@@ -126,6 +124,7 @@ class Maker:
     world: World
     propose: Proposals
     each: int
+    predicted_only: bool = False
 
     def of_truth(self, kind: str, choices: list[tuple[str, str]], rng: np.random.Generator) -> Lesson | None:
         """A new scene, cleared object by object."""
@@ -141,7 +140,7 @@ class Maker:
         # Each pose is shown on the surface that it was drawn from alone: one from the truth has a better
         # chance to hold something, and the evaluator would learn to believe in what it cannot see.
         found = []
-        for grid in (predicted, record.tsdf):
+        for grid in (predicted, record.tsdf)[: 1 if self.predicted_only else 2]:
             poses = self.propose(grid, rng)
             found += explored(self.world, grid, poses, self.propose.candidates, rng, self.each)[0]
         return joined(found) if found else None
@@ -169,6 +168,9 @@ def main() -> None:
     parser.add_argument("--weights", default="neugrasp", help="whose surfaces the photos become")
     parser.add_argument("--grids", type=Path, help="where these are kept; by default OUT/grids")
     parser.add_argument("--evaluator", help="an evaluator whose favourites are tried, too")
+    parser.add_argument(
+        "--predicted-only", action="store_true", help="of photos, not on the true surface, too"
+    )
     parser.add_argument("--num", type=int, default=100)
     parser.add_argument("--draws", type=int, default=100, help="grasps drawn in each state")
     parser.add_argument(
@@ -180,7 +182,10 @@ def main() -> None:
     library = ObjectLibrary.open(sets_of(options), options.objects)
     choices = library.choices("train", options.scene)
     gripper, sums = Gripper.load(options.gripper), Counter[str]()
-    judge = None if options.evaluator is None else Judge(load_evaluator(options.evaluator).model(), gripper)
+    judge = None
+    if options.evaluator is not None:
+        judge = Judge.load(options.evaluator, options.gripper, Workspace())
+        judge.config = LIKED
     options.out.mkdir(parents=True, exist_ok=True)
     begun_as(
         options.out / ABOUT, about_lessons(gripper.name, gripper_hash(options.gripper)), "set of lessons"
@@ -189,7 +194,8 @@ def main() -> None:
     detector = NeuGraspDetector.load(options.weights, options.gripper) if folders else None
     count = min(options.num, len(folders)) if folders else options.num
     with World(Workspace(), library, gripper) as world:
-        maker = Maker(world, Proposals(Candidates(gripper), options.draws, judge), options.each)
+        propose = Proposals(Candidates(gripper), options.draws, judge)
+        maker = Maker(world, propose, options.each, options.predicted_only)
         for index in range(count):
             name = folders[index].name if folders else f"{options.scene}-{options.seed}-{index:06d}"
             path, rng = options.out / f"{name}.npz", np.random.default_rng([options.seed, index])

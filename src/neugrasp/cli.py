@@ -86,6 +86,8 @@ class Predict:
     """Write report.html, too: the scene to turn, why candidates fell out, the doctor's verdict."""
     hand_check: bool = True
     """Send grasps as deep as the surface lets the hand, and drop those that it speaks against."""
+    evaluator: str | None = None
+    """Let an evaluator of grasps judge instead of the head and its rules: neugrasp, or a file."""
     steering: Annotated[Steering, tyro.conf.arg(name="")] = field(default_factory=Steering)
     examine: bool = False
     """Let the doctor look at everything first, as `neugrasp doctor` does."""
@@ -103,6 +105,7 @@ class Predict:
             threshold=self.threshold,
             with_report=self.report,
             hand_check=self.hand_check,
+            evaluator=self.evaluator,
             steering=self.steering,
             is_examined=self.examine,
             is_forced=self.force,

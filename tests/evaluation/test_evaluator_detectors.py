@@ -17,8 +17,9 @@ from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.run import evaluate
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import gripper_hash
-from neugrasp.model.evaluator_file import save_evaluator
+from neugrasp.model.evaluator_file import load_evaluator, save_evaluator, shipped_evaluators
 from neugrasp.model.grasp_evaluator import GraspEvaluator
+from neugrasp.report.predict import PredictRun, predict
 
 
 @pytest.fixture(scope="module")
@@ -70,3 +71,18 @@ def test_it_refuses_what_it_was_not_made_for(evaluator, tmp_path):
     save_evaluator(other, GraspEvaluator((2, 2, 2), 2), Workspace(size=0.6), about)
     with pytest.raises(InputError, match=r"reads a cube of 0\.6 m"):
         NeuGraspDetector.load(evaluator=other)
+
+
+def test_predict_asks_the_bundled_one(tmp_path):
+    run = PredictRun(scene=demo_scenes()[0].folder, out=tmp_path / "out", evaluator="neugrasp")
+    assert "grasps, the best with score" in predict(run)
+    grasps = json.loads((tmp_path / "out" / "grasps.json").read_text())["grasps"]
+    assert all(grasp["score"] >= load_evaluator("neugrasp").about["threshold"] for grasp in grasps)
+
+
+def test_the_bundled_one_is_small_and_knows_the_panda():
+    (path,) = shipped_evaluators().values()
+    assert path.stat().st_size < 500_000
+    about = load_evaluator("neugrasp").about
+    assert about["gripper_sha256"] == gripper_hash("panda")
+    assert about["scores"]["auc"] > 0.9

@@ -39,6 +39,8 @@ class PredictRun:
     hand_check: bool = True
     """Whether grasps go as deep as the surface lets the hand, and are dropped where it would meet it or close
     on nothing."""
+    evaluator: str | None = None
+    """A bundled evaluator of grasps by name, or a file, that judges instead of the head and its rules."""
     steering: Steering = field(default_factory=Steering)
     """Which grasps are wanted."""
     is_examined: bool = False
@@ -57,7 +59,11 @@ def predict(run: PredictRun) -> str:
         diagnosis = examine_read(views, run.is_examined)
         _check(run, diagnosis)
         detector = NeuGraspDetector.load(
-            run.weights, run.gripper, threshold=run.threshold, hand_check=run.hand_check
+            run.weights,
+            run.gripper,
+            threshold=run.threshold,
+            hand_check=run.hand_check,
+            evaluator=run.evaluator,
         )
         detection = run.steering.applied(detector.detect(views), views.workspace)
         write_prediction(part, views, detection, detector.gripper)
