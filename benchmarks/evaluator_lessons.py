@@ -191,6 +191,8 @@ def main() -> None:
         options.out / ABOUT, about_lessons(gripper.name, gripper_hash(options.gripper)), "set of lessons"
     )
     folders = [] if options.photos is None else sorted((options.photos / "scenes").glob("[!.]*"))
+    if options.photos is not None and not folders:
+        raise SystemExit(f"{options.photos}: no records in scenes/")
     detector = NeuGraspDetector.load(options.weights, options.gripper) if folders else None
     count = min(options.num, len(folders)) if folders else options.num
     with World(Workspace(), library, gripper) as world:
