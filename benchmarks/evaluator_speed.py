@@ -15,7 +15,7 @@ import numpy as np
 import torch
 
 from neugrasp.data.npz import npz_arrays
-from neugrasp.demo import demo_scenes
+from neugrasp.demo.bundled import demo_scenes
 from neugrasp.detection.judge import Judge
 from neugrasp.geometry.pose import Array
 from neugrasp.geometry.workspace import Workspace

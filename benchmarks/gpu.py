@@ -20,9 +20,10 @@ from pathlib import Path
 import torch
 from torch import multiprocessing
 
+from neugrasp.training.command import Train
 from neugrasp.training.config import TrainConfig
 from neugrasp.training.recipes import RECIPES, sim
-from neugrasp.training.trainer import TrainRun, train
+from neugrasp.training.trainer import train
 
 TRIAL = 60
 """Steps to see how long one takes."""
@@ -70,7 +71,7 @@ def run_variant(name: str, options: argparse.Namespace, until: float) -> None:
     folder = options.work / name
     shutil.rmtree(folder, ignore_errors=True)
     RECIPES[name] = make
-    run = TrainRun(
+    run = Train(
         recipe=name, data=tuple(options.data), validation=tuple(options.validation), out=folder / "trial",
         device=options.device, init=init, loaders=options.loaders, steps=TRIAL,
     )  # fmt: skip

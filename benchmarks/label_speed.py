@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from neugrasp.execution import AT_PREGRASP, ON_APPROACH
 from neugrasp.geometry.pose import Array
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
@@ -27,7 +28,7 @@ from neugrasp.simulation.labels import at_tcp, candidates, grasp_poses
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.series import execute_each
-from neugrasp.simulation.trials import AT_PREGRASP, ON_APPROACH, Trial, execute
+from neugrasp.simulation.trials import Trial, execute
 
 POINTS, YAWS = 120, 6
 FIRST_SEED = 1000

@@ -18,9 +18,8 @@ import tyro
 
 from neugrasp.data.scene_folder import read_scene
 from neugrasp.data.whole_or_nothing import whole_or_nothing
-from neugrasp.demo import demo_scenes
+from neugrasp.demo.bundled import demo_scenes
 from neugrasp.detection.detector import NeuGraspDetector
-from neugrasp.export import write_prediction
 
 
 def main(
@@ -45,7 +44,7 @@ def main(
         print(f"best quality {detection.best_rejected:.2f}; voxels rejected: {detection.rejected}")
 
     with whole_or_nothing(out) as part:
-        write_prediction(part, views, detection, detector.gripper)
+        detection.write(part, views)
     print(out / "overlay.png")
 
 

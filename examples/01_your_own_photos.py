@@ -21,12 +21,12 @@ import numpy as np
 import tyro
 
 from neugrasp.data.scene_folder import read_scene, write_scene
-from neugrasp.demo import demo_scenes
+from neugrasp.demo.bundled import demo_scenes
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import rigid, rotation_about
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.views import View, Views
+from neugrasp.observation import View, Views
 
 WORLD_FROM_WORKSPACE = rigid(rotation_about((0, 0, 1), np.pi / 2), (0.55, -0.15, 0.02))
 """The cube in the robot's base: its corner, and a quarter turn about the vertical."""
@@ -35,7 +35,7 @@ WORLD_FROM_WORKSPACE = rigid(rotation_about((0, 0, 1), np.pi / 2), (0.55, -0.15,
 def capture(source: Path) -> list[dict[str, np.ndarray]]:
     """One dictionary of plain arrays per view; replace it by your camera."""
     photos = []
-    for view in read_scene(source).views:
+    for view in read_scene(source).frames:
         photos.append(
             {
                 "image": view.image,
@@ -53,7 +53,7 @@ def main(source: Path | None = None, weights: str = "neugrasp", out: Path = Path
     for photo in capture(source or demo_scenes()[0].folder):
         height, width = photo["image"].shape[:2]
         camera = Camera(photo["intrinsics"], photo["world_from_camera"], width, height)
-        views.append(View(photo["image"], photo["background"], camera))
+        views.append(View(camera, photo["image"], photo["background"]))
     write_scene(out, Views(tuple(views), Workspace(world_from_workspace=WORLD_FROM_WORKSPACE)))
 
     # Reading checks everything: sizes, poses in millimetres, cameras that look away from the workspace.

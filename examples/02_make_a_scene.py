@@ -19,10 +19,9 @@ from typing import Literal
 import numpy as np
 import tyro
 
-from neugrasp.export import write_picture
 from neugrasp.geometry.view_sets import view_set
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.pictures import free_where_unseen, shade_surface
+from neugrasp.pictures import free_where_unseen, shade_surface, write_picture
 from neugrasp.simulation.arrange import arrange
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World

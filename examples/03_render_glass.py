@@ -21,16 +21,15 @@ import numpy as np
 import tyro
 
 from neugrasp.data.scene_folder import write_scene
-from neugrasp.export import write_picture
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.pictures import Tile, contact_sheet
+from neugrasp.observation import View, Views
+from neugrasp.pictures import Tile, contact_sheet, write_picture
 from neugrasp.simulation.arrange import arrange
 from neugrasp.simulation.cell import sample_cell
 from neugrasp.simulation.materials import sample_materials
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.renderer import Renderer
-from neugrasp.views import View, Views
 
 
 def main(
@@ -56,7 +55,7 @@ def main(
         photos = renderer.render(cell, scene, library, inputs)
 
     triples = zip(photos, empty, cell.cameras[: cell.num_inputs], strict=True)
-    write_scene(out, Views(tuple(View(*triple) for triple in triples), workspace))
+    write_scene(out, Views(tuple(View(camera, *pair) for *pair, camera in triples), workspace))
     tiles = [Tile(photo, f"view {i}") for i, photo in enumerate(photos)]
     tiles += [Tile(photo, f"view {i}, empty") for i, photo in enumerate(empty)]
     write_picture(out / "photos.png", contact_sheet(tiles, columns=cell.num_inputs))

@@ -20,7 +20,9 @@ from pathlib import Path
 import tyro
 
 from neugrasp.model.checkpoint import load_checkpoint
-from neugrasp.training.trainer import TrainRun, configured, train
+from neugrasp.training.command import Train
+from neugrasp.training.recipes import configured
+from neugrasp.training.trainer import train
 
 
 def main(
@@ -32,7 +34,7 @@ def main(
 ) -> None:
     """Trains in two sittings and prints the losses."""
     held_out = () if validation is None else (validation,)
-    run = TrainRun(recipe=recipe, data=(data,), validation=held_out, out=out, steps=steps, resume=True)
+    run = Train(recipe=recipe, data=(data,), validation=held_out, out=out, steps=steps, resume=True)
     config = configured(run)
     print(f"{config.steps} steps, {config.head_steps} of them for the grasp head alone")
 

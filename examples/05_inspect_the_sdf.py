@@ -21,12 +21,11 @@ import torch
 import tyro
 
 from neugrasp.data.scene_folder import read_scene
-from neugrasp.demo import demo_scenes
-from neugrasp.export import write_picture
+from neugrasp.demo.bundled import demo_scenes
 from neugrasp.metrics import CONSTANTS, l1_by_mask
 from neugrasp.model.checkpoint import load_checkpoint
 from neugrasp.model.inputs import prepare
-from neugrasp.pictures import Tile, contact_sheet, slice_picture, surface_sheet
+from neugrasp.pictures import Tile, contact_sheet, slice_picture, surface_sheet, write_picture
 from neugrasp.pictures.slices import busiest_slice
 
 

@@ -1,18 +1,19 @@
-"""A detector of your own: anything that turns `Views` into a `Detection`.
+"""A detector of your own: anything that turns an `Observation` into a `Detection`.
 
     python examples/07_your_own_detector.py --scene outputs/glass
 
-This one has learned nothing. Where a photo looks like the photo of the empty table, there is nothing between
-the camera and the table; what no view has emptied is matter. That is the visual hull, and it works on glass,
-because glass changes the picture, too. From a narrow arc of views the hull is too high, and it has no
-hollows: compare surface.png with the photos. One antipodal grasp is drawn on it at random.
+This one has learned nothing. Where a photo looks like that of the empty table, there is nothing between
+camera and table; what no view has emptied is matter: the visual hull. It works on glass, which changes the
+picture, too. From a narrow arc of views it is too high, and it has no hollows: compare surface.png with the
+photos. One antipodal grasp is drawn on it at random.
 
-Whatever has a method `detect(views) -> Detection` can be exported and drawn like the network's predictions.
+With `SPEC` it predicts like the network, and plays the benchmark (`neugrasp evaluate --detector`), too:
+
+    PYTHONPATH=examples neugrasp predict SCENE --out DIR --detector 07_your_own_detector:SPEC
 """
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import numpy as np
@@ -21,13 +22,14 @@ from scipy.ndimage import binary_closing, binary_fill_holes, binary_opening, dis
 
 from neugrasp.baselines.antipodal import antipodal_grasp
 from neugrasp.data.scene_folder import read_scene
-from neugrasp.data.whole_or_nothing import whole_or_nothing
-from neugrasp.demo import demo_scenes
-from neugrasp.detection.detector import Detection, Detector
-from neugrasp.export import write_picture, write_prediction
+from neugrasp.demo.bundled import demo_scenes
+from neugrasp.detection.contract import Detection
+from neugrasp.detection.options import DetectorOptions
+from neugrasp.detection.registry import PHOTOS, DetectorSpec
+from neugrasp.grasp import Grasps
 from neugrasp.gripper import Gripper
-from neugrasp.pictures import surface_sheet
-from neugrasp.views import Views
+from neugrasp.observation import Observation, with_backgrounds
+from neugrasp.pictures import surface_sheet, write_picture
 
 CHANGED = 20
 """Of 255: how much a pixel differs from the empty table where something stands in front of it."""
@@ -39,13 +41,13 @@ class VisualHull:
     def __init__(self, gripper: Gripper, seed: int = 0):
         self.gripper, self.rng = gripper, np.random.default_rng(seed)
 
-    def detect(self, views: Views) -> Detection:
+    def detect(self, observation: Observation) -> Detection:
         """One grasp, or none."""
-        start = time.perf_counter()
+        views = with_backgrounds(observation)
         workspace = views.workspace
         points = workspace.voxel_centres()
         matter = points[..., 2] > workspace.table_height
-        for view in views.views:
+        for view in views.frames:
             difference = np.abs(view.image.astype(int) - view.background).max(axis=-1)
             changed = binary_fill_holes(binary_closing(difference > CHANGED, iterations=3))
             pixels, _ = view.camera.project(workspace.to_world(points))
@@ -57,21 +59,20 @@ class VisualHull:
         distance = (distance_transform_edt(~solid) - distance_transform_edt(solid)) * workspace.voxel_size
         tsdf = (distance / workspace.truncation).clip(-1, 1).astype(np.float32)
         grasp = antipodal_grasp(tsdf, workspace, self.gripper, self.rng)
-        grasps = () if grasp is None else (grasp.moved(workspace.world_from_workspace),)
-        return Detection(grasps, tsdf, {}, 0.0, {"hull": time.perf_counter() - start})
+        found = [] if grasp is None else [grasp.moved(workspace.world_from_workspace)]
+        return Detection(Grasps.of(found), workspace, self.gripper, tsdf)
+
+
+SPEC = DetectorSpec(PHOTOS, lambda options: VisualHull(Gripper.load(options.gripper), options.seed))
 
 
 def main(scene: Path | None = None, out: Path = Path("outputs/hull")) -> None:
     """Detects in one scene; without --scene, in the first of the bundled ones."""
     views = read_scene(scene or demo_scenes()[0].folder)
-    gripper = Gripper.load("panda")
-    detector: Detector = VisualHull(gripper)
-    detection = detector.detect(views)
-    with whole_or_nothing(out) as part:
-        write_prediction(part, views, detection, gripper)
-        write_picture(part / "surface.png", surface_sheet(views, detection.tsdf))
-    print(f"{len(detection.grasps)} grasp, {np.mean(detection.tsdf < 0):.0%} of the cube is matter")
-    print(f"{out / 'overlay.png'}\n{out / 'surface.png'}")
+    detection = SPEC.load(DetectorOptions()).detect(views)
+    detection.save(out, views)
+    write_picture(out / "surface.png", surface_sheet(views, detection.grid()))
+    print(f"{detection.grasps}, {np.mean(detection.grid() < 0):.0%} of the cube is matter: {out}/surface.png")
 
 
 if __name__ == "__main__":

@@ -21,17 +21,16 @@ import numpy as np
 import tyro
 
 from neugrasp.baselines.antipodal import antipodal_grasp
-from neugrasp.export import write_picture
 from neugrasp.geometry.view_sets import view_set
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
-from neugrasp.pictures import draw_grasps, shade_surface
+from neugrasp.observation import View
+from neugrasp.pictures import draw_grasps, shade_surface, write_picture
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.scene import Body, Scene
 from neugrasp.simulation.trials import execute
 from neugrasp.simulation.truth import scan
-from neugrasp.views import View
 
 WIDE = {
     "format": "neugrasp-gripper", "version": 1, "name": "wide",
@@ -67,7 +66,7 @@ def main(tries: int = 5, out: Path = Path("outputs/gripper")) -> None:
                 print(f"  {grasp.width * 1000:.0f} mm wide: {trial.reason}")
         camera = view_set("released", workspace, rng)[0]
         picture = shade_surface(tsdf, workspace, camera, size=camera.width)
-        picture = draw_grasps(View(picture, picture, camera), grasps, gripper)
+        picture = draw_grasps(View(camera, picture, picture), grasps, gripper)
         write_picture(out / f"{gripper.name}.png", picture)
         print(f"  {out / gripper.name}.png")
 

@@ -23,11 +23,12 @@ import tyro
 from PIL import Image
 
 from neugrasp.data.scene_folder import read_scene
-from neugrasp.demo import demo_scenes
+from neugrasp.demo.bundled import demo_scenes
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.exporters import graspnet, ros
 from neugrasp.geometry.pose import inverse, rigid, rotation_about
-from neugrasp.importers.importing import ImportRun, import_scene
+from neugrasp.importers.command import Import
+from neugrasp.importers.importing import import_scene
 
 METRES_PER_UNIT = 0.25
 WORLD_FROM_RECONSTRUCTION = rigid(rotation_about((1, 0, 0), 0.4), (0.1, 0.2, 0.3))
@@ -36,7 +37,7 @@ WORLD_FROM_RECONSTRUCTION = rigid(rotation_about((1, 0, 0), 0.4), (0.1, 0.2, 0.3
 def capture(source: Path, folder: Path) -> None:
     """transforms.json, images/, backgrounds/ and alignment.json; replace it by your reconstruction."""
     scene, frames = read_scene(source), []
-    for i, view in enumerate(scene.views):
+    for i, view in enumerate(scene.frames):
         for kind, pixels in (("images", view.image), ("backgrounds", view.background)):
             (folder / kind).mkdir(parents=True, exist_ok=True)
             Image.fromarray(pixels).save(folder / kind / f"{i}.png")
@@ -61,7 +62,7 @@ def main(source: Path | None = None, weights: str = "neugrasp", out: Path = Path
     foreign = out / "foreign"
     capture(source or demo_scenes()[0].folder, foreign)
     alignment = foreign / "alignment.json"
-    run = ImportRun(format="nerfstudio", source=foreign, out=out / "imported", alignment=alignment)
+    run = Import(format="nerfstudio", source=foreign, out=out / "imported", alignment=alignment)
     detector = NeuGraspDetector.load(weights)
     grasps = detector.detect(import_scene(run)).grasps
     ros.write(out / "grasps_ros.json", grasps, detector.gripper, ros.Stamp("base_link"))

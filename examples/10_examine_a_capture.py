@@ -23,11 +23,11 @@ import numpy as np
 import tyro
 
 from neugrasp.data.scene_folder import read_scene
-from neugrasp.demo import demo_scenes
+from neugrasp.demo.bundled import demo_scenes
 from neugrasp.doctor.capture import Capture
 from neugrasp.doctor.examination import examine
 from neugrasp.doctor.findings import Level
-from neugrasp.views import View, Views
+from neugrasp.observation import View, Views
 
 OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 
@@ -35,19 +35,19 @@ OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 def main(scene: Path | None = None) -> None:
     """Spoils a scene and examines it; without --scene, the first of the bundled ones."""
     good = read_scene(scene or demo_scenes()[0].folder)
-    spoilt = replace(good, views=tuple(in_opengl(view) for view in good.views))
+    spoilt = replace(good, frames=tuple(in_opengl(view) for view in good.frames))
     print("The poses in OpenGL's convention:")
     mended = tell(spoilt)
     if mended is not None:
         error = max(
             np.abs(mine.camera.world_from_camera - yours.camera.world_from_camera).max()
-            for mine, yours in zip(mended.views, good.views, strict=True)
+            for mine, yours in zip(mended.frames, good.frames, strict=True)
         )
         print(f"  mended: the poses are the good ones again, to {error:.1e}")
-    first, *rest = good.views
+    first, *rest = good.frames
     moved = replace(first, background=np.roll(first.background, 2, axis=1))
     print("A background shifted by two pixels:")
-    tell(replace(good, views=(moved, *rest)))
+    tell(replace(good, frames=(moved, *rest)))
 
 
 def in_opengl(view: View) -> View:

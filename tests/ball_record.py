@@ -9,13 +9,13 @@ from neugrasp.data.records import Record
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import look_at, to_quaternion
 from neugrasp.geometry.view_sets import hemisphere, view_set
-from neugrasp.geometry.workspace import Workspace
+from neugrasp.geometry.workspace import USUAL, Workspace
 from neugrasp.simulation.scene import Body, Material, Scene
 
 
 def photo(camera: Camera, ball: tuple[np.ndarray, float] | None) -> tuple[np.ndarray, np.ndarray]:
     """RGB (h, w, 3) uint8 and z-depth (h, w) of the table with or without the ball (centre, radius)."""
-    table = Workspace().table_height
+    table = USUAL.table_height
     ahead = camera.unproject(camera.pixel_grid(), np.ones((camera.height, camera.width)))
     rays = ahead - camera.centre
     with np.errstate(divide="ignore"):
@@ -38,10 +38,15 @@ def photo(camera: Camera, ball: tuple[np.ndarray, float] | None) -> tuple[np.nda
 
 
 def ball_record(
-    x: float = 0.15, y: float = 0.15, radius: float = 0.03, size: int = 64, seed: int = 0
+    x: float = 0.15,
+    y: float = 0.15,
+    radius: float = 0.03,
+    size: int = 64,
+    seed: int = 0,
+    workspace: Workspace = USUAL,
 ) -> Record:
     """Four input views and two targets of a ball that lies at (x, y)."""
-    workspace, rng = Workspace(), np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     views = [*view_set("released", workspace, rng), *hemisphere(workspace, rng, 2)]
     cameras = [camera.cropped_and_resized(workspace.photo_box(camera), size, size) for camera in views]
     ball = (np.array([x, y, workspace.table_height + radius]), radius)
@@ -60,7 +65,7 @@ def ball_record(
             (Body("balls", "ball", 1.0, tuple(ball[0]), (0.0, 0.0, 0.0, 1.0)),),
             (Material("diffuse", "red", {}),),
         ),
-        cell={"seed": 0},
+        cell={"seed": 0, **({"workspace": unusual} if (unusual := workspace.unusual()) else {})},
         images=images[:4],
         backgrounds=np.stack(empty[:4]),
         cameras=tuple(cameras[:4]),
@@ -70,7 +75,7 @@ def ball_record(
         depths=np.stack([shot[1] for shot in shots[:4]]),
         masks=np.zeros((4, size, size), dtype=np.int8),
         tsdf=(distance / workspace.truncation).clip(-1, 1).astype(np.float32),
-        observed=np.ones((40, 40, 40), dtype=bool),
+        observed=np.ones((workspace.resolution,) * 3, dtype=bool),
         labels=ball_labels(ball, rng),
     )
 

@@ -15,7 +15,7 @@ from neugrasp.data.scene_folder import write_scene
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.view_sets import view_set
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.views import View, Views
+from neugrasp.observation import View, Views
 
 # The same examples in every run; `--hypothesis-profile=default --hypothesis-seed=N` draws others.
 settings.register_profile("repeatable", derandomize=True)
@@ -48,7 +48,7 @@ def small_views(workspace: Workspace, cameras: list[Camera], rng: np.random.Gene
         small = camera.cropped_and_resized((-0.5, -0.5, 639.5, 359.5), 64, 36)
         small = Camera(small.intrinsics, small.world_from_camera, 64, 36)
         image, background = rng.integers(0, 256, size=(2, 36, 64, 3), dtype=np.uint8)
-        views.append(View(image, background, small))
+        views.append(View(small, image, background))
     return Views(tuple(views), workspace)
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image as Picture
 
-from neugrasp.geometry.pose import Array, inverse, rigid, rotation_about, to_quaternion
-from neugrasp.views import View, Views
+from neugrasp.geometry.pose import Array, inverse, rigid, rotation_about, to_quaternion, to_rotation_vector
+from neugrasp.observation import View, Views
 
 OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 COLMAP_MODELS = {"SIMPLE_PINHOLE": 0, "PINHOLE": 1, "SIMPLE_RADIAL": 2, "RADIAL": 3, "OPENCV": 4}
@@ -55,14 +55,14 @@ def whole_photos(views: Views) -> Views:
         intrinsics[:2, 2] -= (x.start, y.start)
         height, width = image.shape[:2]
         camera = replace(view.camera, intrinsics=intrinsics, width=width, height=height, sensed=None)
-        return View(image, background, camera, view.name)
+        return View(camera, image, background, name=view.name)
 
-    return replace(views, views=tuple(cut(view) for view in views.views))
+    return replace(views, frames=tuple(cut(view) for view in views.frames))
 
 
 def write_photos(folder: Path, views: Views) -> None:
     """images/view_0.png ... and backgrounds/view_0.png ..."""
-    for i, view in enumerate(views.views):
+    for i, view in enumerate(views.frames):
         for kind, pixels in (("images", view.image), ("backgrounds", view.background)):
             (folder / kind).mkdir(parents=True, exist_ok=True)
             Picture.fromarray(pixels).save(folder / kind / f"view_{i}.png")
@@ -72,7 +72,7 @@ def write_nerfstudio(folder: Path, views: Views, similarity: Similarity) -> Path
     """transforms.json with OpenGL cameras, each with its own intrinsics."""
     write_photos(folder, views)
     frames = []
-    for i, view in enumerate(views.views):
+    for i, view in enumerate(views.frames):
         camera = view.camera
         frames.append(
             {
@@ -97,7 +97,7 @@ def write_colmap(folder: Path, views: Views, similarity: Similarity, is_binary: 
     model = folder / "sparse/0"
     model.mkdir(parents=True)
     cameras, images = [], []
-    for i, view in enumerate(views.views):
+    for i, view in enumerate(views.frames):
         camera = view.camera
         (fx, _, cx), (_, fy, cy), _ = camera.intrinsics.tolist()
         cameras.append((i + 1, "PINHOLE", camera.width, camera.height, [fx, fy, cx + 0.5, cy + 0.5]))
@@ -138,11 +138,11 @@ def _write_binary(model: Path, cameras: Cameras, images: Images) -> None:
 FLANGE_FROM_CAMERA = rigid(rotation_about((0.1, 0.2, 1), 0.8), (0.05, -0.02, 0.07))
 
 
-def write_robot(folder: Path, views: Views, is_csv: bool = False) -> Path:
-    """robot.json; the cameras must share one lens."""
+def write_robot(folder: Path, views: Views, is_csv: bool = False, is_ur: bool = False) -> Path:
+    """robot.json, with rotation vectors where it is of Universal Robots; the cameras must share one lens."""
     write_photos(folder, views)
-    camera = views.views[0].camera
-    poses = [view.camera.world_from_camera @ inverse(FLANGE_FROM_CAMERA) for view in views.views]
+    camera = views.frames[0].camera
+    poses = [view.camera.world_from_camera @ inverse(FLANGE_FROM_CAMERA) for view in views.frames]
     data = {
         "intrinsics": camera.intrinsics.tolist(),
         "width": camera.width,
@@ -153,7 +153,27 @@ def write_robot(folder: Path, views: Views, is_csv: bool = False) -> Path:
         },
         "views": "poses.csv",
     }
-    if is_csv:
+    if is_ur:
+        data["flange_from_camera"] = {
+            "position": FLANGE_FROM_CAMERA[:3, 3].tolist(),
+            "rotation_vector": to_rotation_vector(FLANGE_FROM_CAMERA).tolist(),
+        }
+    if is_csv and is_ur:
+        rows = [[f"view_{i}.png", *pose[:3, 3], *to_rotation_vector(pose)] for i, pose in enumerate(poses)]
+        lines = [",".join(map(str, row)) for row in rows]
+        (folder / "poses.csv").write_text("\n".join(["image, x, y, z, rx, ry, rz", *lines]) + "\n")
+    elif is_ur:
+        data["views"] = [
+            {
+                "image": f"view_{i}.png",
+                "base_from_flange": {
+                    "position": pose[:3, 3].tolist(),
+                    "rotation_vector": to_rotation_vector(pose).tolist(),
+                },
+            }
+            for i, pose in enumerate(poses)
+        ]
+    elif is_csv:
         lines = [
             ",".join(map(str, (f"view_{i}.png", *pose[:3, 3], *to_quaternion(pose))))
             for i, pose in enumerate(poses)

@@ -11,9 +11,10 @@ def generate_a_little(out: Path) -> None:
     sys.path.insert(0, str(Path(__file__).parent / "simulation"))
     from noise_photographer import SlowPhotographer
 
-    from neugrasp.simulation.generate import GenerateConfig, generate
+    from neugrasp.simulation.command import Generate
+    from neugrasp.simulation.generate import generate
 
-    config = GenerateConfig(
+    config = Generate(
         scene="packed",
         num=3,
         out=out,

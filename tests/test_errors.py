@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from neugrasp.errors import BrokenExtra, MissingExtra, NeuGraspError, require
-from neugrasp.terminal import printable, terminal_log
+from neugrasp.terminal import TerminalLog, printable
 
 
 def test_a_module_that_is_there_is_given():
@@ -66,7 +66,7 @@ def test_a_terminal_without_a_letter_gets_its_number():
 def test_messages_are_escaped_and_a_warning_is_told_once():
     stream = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
     logger = logging.Logger("test")
-    logger.addHandler(terminal_log(stream))
+    logger.addHandler(TerminalLog(stream))
     for _ in range(2):
         logger.warning("%s: odd", "a\x1b[2J")
         logger.info("step")

@@ -99,7 +99,7 @@ def test_hello_grasp_on_what_is_bundled(run: Run) -> None:
 def test_your_own_photos(run: Run, ball: Path, weights: Path, tmp_path: Path) -> None:
     assert "the scene is in" in run("01", "--source", ball, "--weights", weights)
     written, source = read_scene(tmp_path / "outputs/my_scene"), read_scene(ball)
-    for view, original in zip(written.views, source.views, strict=True):
+    for view, original in zip(written.frames, source.frames, strict=True):
         assert np.array_equal(view.image, original.image)
         # The camera sees the same point of the workspace in the same pixel.
         point = source.workspace.centre
@@ -118,7 +118,7 @@ def test_make_a_scene(run: Run, kind: str, tmp_path: Path) -> None:
 def test_render_glass(run: Run, tmp_path: Path) -> None:
     run("03", "--size", 64)
     assert varied(tmp_path / "outputs/glass/photos.png")
-    for view in read_scene(tmp_path / "outputs/glass").views:
+    for view in read_scene(tmp_path / "outputs/glass").frames:
         assert not np.array_equal(view.image, view.background)
 
 
@@ -166,7 +166,7 @@ def test_from_other_programs(run: Run, ball: Path, weights: Path, tmp_path: Path
     count = int(printed.split()[0])
     assert np.load(tmp_path / "outputs/grasps.npy").shape == (count, 17)
     imported, source = read_scene(tmp_path / "outputs/imported"), read_scene(ball)
-    for view, original in zip(imported.views, source.views, strict=True):
+    for view, original in zip(imported.frames, source.frames, strict=True):
         assert np.array_equal(view.image, original.image)
         assert np.allclose(view.camera.world_from_camera, original.camera.world_from_camera, atol=1e-9)
 

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from neugrasp.data.whole_or_nothing import whole_or_nothing
+from neugrasp.detection.files import read_grasps, write_grasps, write_surface, write_tsdf
 from neugrasp.errors import InputError, NeuGraspError
-from neugrasp.export import read_grasps, write_grasps, write_surface, write_tsdf
 from neugrasp.geometry.pose import from_quaternion
 from neugrasp.geometry.surface import surface_of
 from neugrasp.geometry.workspace import Workspace
@@ -25,14 +25,28 @@ GRASP = Grasp(from_quaternion([1, 0, 0, 0], (0.1, 0.2, 0.3)), width=0.05, score=
 def test_grasps_json_is_the_contract(tmp_path: Path):
     file = tmp_path / "grasps.json"
     worse = Grasp(GRASP.pose, 0.04, 0.91)
-    write_grasps(file, [worse, GRASP], {"too_narrow": 3}, {"images": 0.25})
+    write_grasps(file, [worse, GRASP], {"rejected": {"too_narrow": 3}, "timing_s": {"images": 0.25}})
+    way = {"pregrasp_position": [0.1, 0.2, 0.35], "retreat_position": [0.1, 0.2, 0.4]}
     assert json.loads(file.read_text()) == {
         "format": "neugrasp-grasps",
         "version": 1,
         "frame": "world",
+        "up": [0, 0, 1],
         "grasps": [
-            {"position": [0.1, 0.2, 0.3], "quaternion_xyzw": [1, 0, 0, 0], "width": 0.05, "score": 0.97},
-            {"position": [0.1, 0.2, 0.3], "quaternion_xyzw": [1, 0, 0, 0], "width": 0.04, "score": 0.91},
+            {
+                "position": [0.1, 0.2, 0.3],
+                "quaternion_xyzw": [1, 0, 0, 0],
+                "width": 0.05,
+                "score": 0.97,
+                **way,
+            },
+            {
+                "position": [0.1, 0.2, 0.3],
+                "quaternion_xyzw": [1, 0, 0, 0],
+                "width": 0.04,
+                "score": 0.91,
+                **way,
+            },
         ],
         "rejected": {"too_narrow": 3},
         "timing_s": {"images": 0.25},

@@ -116,7 +116,7 @@ def test_files_that_are_no_gripper_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="not valid JSON"):
         Gripper.load(path)
     path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InputError, match="not valid JSON"):
+    with pytest.raises(InputError, match="no text in UTF-8"):
         Gripper.load(path)
     path.write_text("[]")
     with pytest.raises(InputError, match="not a JSON object"):

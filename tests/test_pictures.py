@@ -12,19 +12,21 @@ from neugrasp.geometry.pose import apply, from_quaternion, rigid
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
+from neugrasp.observation import View, Views
 from neugrasp.pictures import (
     Tile,
+    colour_of_score,
     contact_sheet,
     draw_grasps,
     free_where_unseen,
     overlay_sheet,
     photo_of_workspace,
+    score_legend,
     shade_surface,
     slice_picture,
     surface_sheet,
 )
 from neugrasp.pictures.slices import busiest_slice
-from neugrasp.views import View, Views
 
 GRIPPER = Gripper.load("panda")
 DOWN = np.diag([1.0, -1.0, -1.0])
@@ -33,7 +35,7 @@ CENTRE, RADIUS = (0.12, 0.17, 0.09), 0.035
 
 def grey(camera: Camera, value: int = 128) -> View:
     image = np.full((camera.height, camera.width, 3), value, dtype=np.uint8)
-    return View(image, image, camera)
+    return View(camera, image, image)
 
 
 @pytest.fixture
@@ -59,12 +61,54 @@ def test_a_grasp_is_drawn_along_its_wireframe_and_nowhere_else(view: View):
     assert nearest.min(axis=0).max() < 12, "nothing is drawn elsewhere"
 
 
-def test_the_best_grasp_is_green_and_on_top(view: View):
-    pose = rigid(DOWN, (0.15, 0.15, 0.08))
-    picture = draw_grasps(view, [Grasp(pose, 0.06, 0.99), Grasp(pose, 0.06, 0.91)], GRIPPER)
-    strongest = picture[np.abs(picture.astype(int) - draw_grasps(view, [], GRIPPER)).max(axis=-1) > 80]
-    red, green, _ = strongest[strongest.max(axis=-1) > 150].astype(int).T
-    assert np.mean(green > red) > 0.95
+def pixels_of(picture: np.ndarray, score: float) -> int:
+    """How many have the colour of a score."""
+    return int((np.abs(picture.astype(int) - colour_of_score(score)).max(axis=-1) <= 6).sum())
+
+
+@pytest.mark.parametrize("score", [1.0, 0.9, 0.75, 0.5, 0.2])
+def test_a_colour_is_that_of_the_score_whatever_the_other_grasps_are(view: View, score: float):
+    """Of one grasp, and of one among better and worse ones out of the picture."""
+    here, away = rigid(DOWN, (0.15, 0.15, 0.08)), rigid(DOWN, (9.0, 9.0, 0.08))
+    grasp = Grasp(here, 0.06, score)
+    others = [Grasp(away, 0.06, 1.0), grasp, Grasp(away, 0.06, 0.1)]
+    assert pixels_of(draw_grasps(view, [], GRIPPER), score) == 0
+    assert pixels_of(draw_grasps(view, [grasp], GRIPPER), score) > 500
+    assert pixels_of(draw_grasps(view, others, GRIPPER), score) > 500
+
+
+def test_the_scale_of_scores_is_the_one_of_the_legend():
+    legend = score_legend(320).astype(int)
+    assert legend.shape == (44, 320, 3)
+    scores = np.linspace(0.5, 1, 320 - 22 - 60 + 1)
+    for x, score in zip(range(60, 320 - 22 + 1), scores, strict=True):
+        assert tuple(legend[12, x]) == colour_of_score(float(score))
+    assert colour_of_score(0.1) == colour_of_score(0.5) != colour_of_score(0.55)
+    assert colour_of_score(1.001) == colour_of_score(1.0)
+
+
+def test_several_grasps_are_numbered_and_the_best_lies_on_top(view: View):
+    """The number stands at the arm's end; at the border where that is out of the picture."""
+    place = rigid(DOWN, (0.15, 0.15, 0.08))
+    grasps = [Grasp(place, 0.06, 0.99), Grasp(place, 0.06, 0.5)]
+    several, best = draw_grasps(view, grasps, GRIPPER), draw_grasps(view, grasps[:1], GRIPPER)
+    end = apply(place, GRIPPER.wireframe(0.06)[-1, 0])
+    u, v = ((view.camera.project(end)[0] + 0.5) * 2 - 0.5).round().astype(int)
+    around = (slice(v - 12, v + 13), slice(u - 12, u + 13))
+    assert (several[around] != best[around]).any()
+    assert several[around].min() < 60
+    assert pixels_of(several, 0.99) > 5 * pixels_of(several, 0.5)
+
+    palm, far = view.camera.project(apply(place, GRIPPER.wireframe(0.06)[-1, ::-1]))[0]
+    assert far[1] < palm[1]
+    top = (palm[1] + far[1]) / 2
+    box = (palm[0] - 70, top, palm[0] + 70, top + 140)
+    close = View(view.camera.cropped_and_resized(box, 256, 256), view.image, view.image)
+    u, v = (close.camera.project(end)[0] + 0.5) * 2 - 0.5
+    assert v < 0
+    changed = draw_grasps(close, grasps, GRIPPER) != draw_grasps(close, grasps[:1], GRIPPER)
+    rows, _ = np.nonzero(changed.any(axis=-1))
+    assert rows.min() < 5
 
 
 def test_a_grasp_behind_or_across_the_camera_breaks_nothing(view: View):
@@ -91,7 +135,7 @@ def test_the_cut_photo_shows_what_its_camera_says(cameras: list[Camera], workspa
     photo = np.zeros((360, 640, 3), dtype=np.uint8)
     u, v = camera.project(point)[0].round().astype(int)
     photo[v - 2 : v + 3, u - 2 : u + 3] = 255
-    cut = photo_of_workspace(View(photo, photo, camera), workspace, size=400)
+    cut = photo_of_workspace(View(camera, photo, photo), workspace, size=400)
     rows, columns = np.nonzero(cut.image[..., 0] > 128)
     expected = cut.camera.project(camera.unproject((u, v), camera.project(point)[1]))[0]
     np.testing.assert_allclose([columns.mean(), rows.mean()], expected, atol=0.6)

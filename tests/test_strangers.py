@@ -26,10 +26,10 @@ from neugrasp.data.npz import npz_arrays, npz_bytes
 from neugrasp.data.records import read_record, truth_from_bytes, truth_to_bytes, write_record
 from neugrasp.data.shards import Shards, pack
 from neugrasp.data.strict_json import DEEPEST, LARGEST, read_json
+from neugrasp.detection.files import read_grasps, write_grasps
 from neugrasp.errors import InputError
 from neugrasp.evaluation.episode import EMPTY, Attempt, Episode, read_episode, write_episode
 from neugrasp.evaluation.folder import NEEDED, facts_of
-from neugrasp.export import read_grasps, write_grasps
 from neugrasp.exporters import graspnet, ros, vgn
 from neugrasp.geometry.pose import rigid
 from neugrasp.grasp import Grasp
@@ -172,7 +172,7 @@ def check_grasps(grasps: list[Grasp]) -> None:
 
 @many
 def test_a_list_of_grasps(examples: int, file: Path):
-    write_grasps(file, [GRASP, GRASP], {"too_narrow": 3}, {"images": 0.5}, {"scene": "s", "gripper": "panda"})
+    write_grasps(file, [GRASP, GRASP], {"scene": "s", "gripper": "panda", "rejected": {"too_narrow": 3}})
     right = json.loads(file.read_text())
     fuzz(reading(file, lambda f: check_grasps(read_grasps(f))), damaged_json(right), examples)
 
@@ -527,9 +527,9 @@ def test_one_reading_for_all(file: Path):
         (b'{"a":' * 100_000, "deep"),
         (b'["\\u001b[2J"]', "control character"),
         (b'{"a\\u0000": 1}', "control character"),
-        (b'["\\ud800"]', "control character"),
-        ('["ä"]'.encode("utf-16"), "not valid JSON"),
-        (b"\xff", "not valid JSON"),
+        (b'["\\ud800"]', "half a character"),
+        ('["ä"]'.encode("utf-16"), "no text in UTF-8"),
+        (b"\xff", "no text in UTF-8"),
         (b"", "not valid JSON"),
     ],
 )
@@ -546,13 +546,13 @@ def test_what_is_no_file_is_not_waited_for(tmp_path: Path):
     (tmp_path / "big").touch()
     os.truncate(tmp_path / "big", LARGEST + 1)
     for name, message in (
-        ("pipe", "is a pipe or a device"),
+        ("pipe", "is a pipe, a socket or a device"),
         ("", "is a folder"),
         ("none", "missing; a list is needed"),
         ("big/deeper", "missing"),
-        ("big", "50 MB; a list has at most 50"),
+        ("big", "64 MiB; at most 64 are read"),
         ("n" * 300, "cannot be read .File name too long"),
-        ("a\0b", "is no name of a file"),
+        ("a\0b", "cannot be read .embedded null"),
     ):
         with pytest.raises(InputError, match=message):
             read_json(tmp_path / name, "a list")

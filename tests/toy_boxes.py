@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from neugrasp.detection.detector import Detection
+from neugrasp.detection.contract import Detection
 from neugrasp.geometry.pose import from_quaternion, rigid
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.grasp import Grasp
+from neugrasp.grasp import Grasp, Grasps
+from neugrasp.gripper import Gripper
 from neugrasp.simulation.objects import ObjectModel
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.scene import Body, Material, Scene
@@ -54,8 +55,9 @@ def grasp_of(body: Body, depth: float = 0.02) -> Grasp:
 
 def detection(*grasps: Grasp) -> Detection:
     """These grasps, and a surface that is nowhere."""
-    resolution = Workspace().resolution
-    return Detection(grasps, np.ones((resolution,) * 3, dtype=np.float32), {}, 0.0, {"network": 0.1})
+    workspace, gripper = Workspace(), Gripper.load("panda")
+    nowhere = np.ones((workspace.resolution,) * 3, dtype=np.float32)
+    return Detection(Grasps.of(grasps), workspace, gripper, nowhere, timing_s={"network": 0.1})
 
 
 class Cheat:

@@ -13,11 +13,11 @@ from PIL import Image as Picture
 from neugrasp.data.scene_folder import read_scene
 from neugrasp.errors import InputError, require
 from neugrasp.geometry.pose import Array, apply, inverse, to_quaternion
+from neugrasp.observation import DepthView, DepthViews, Views
 from neugrasp.simulation.meshes import Mesh, merged, read_obj, write_obj
 from neugrasp.simulation.objects import ObjectModel, triple
 from neugrasp.simulation.quiet import quiet
 from neugrasp.simulation.scene import Body
-from neugrasp.views import DepthView, DepthViews, Views
 
 MASS = 0.1
 """Kilograms; the objects were not weighed."""
@@ -117,5 +117,5 @@ class RealScene:
     def depth_views(self) -> DepthViews:
         """What the depth camera measured."""
         images = [np.asarray(Picture.open(path), dtype=np.float32) / 1000 for path in self.depths]
-        pairs = zip(images, self.views.views, strict=True)
-        return DepthViews(tuple(DepthView(d, v.camera) for d, v in pairs), self.views.workspace)
+        pairs = zip(images, self.views.frames, strict=True)
+        return DepthViews(tuple(DepthView(v.camera, depth=d) for d, v in pairs), self.views.workspace)

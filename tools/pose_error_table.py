@@ -27,13 +27,13 @@ from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
 from neugrasp.metrics import wilson_interval
+from neugrasp.observation import View, Views
 from neugrasp.robot.pick import pick
 from neugrasp.robot.simulated import SimulatedRobot
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.renderer import Renderer, RenderSettings
 from neugrasp.simulation.textures import sample_texture
-from neugrasp.views import View, Views
 
 MARGIN, SIZE = 1.3, 333
 """Photos show more than the network's crop, which wrong cameras move: 1.3 times as much."""
@@ -82,7 +82,7 @@ class Error:
 
         up = rigid(translation=(0, 0, self.height_mm / 1000))
         workspace = replace(views.workspace, world_from_workspace=up @ views.workspace.world_from_workspace)
-        return Views(tuple(told(view) for view in views.views), workspace)
+        return Views(tuple(told(view) for view in views.frames), workspace)
 
 
 ERRORS = (
@@ -133,7 +133,7 @@ class Play:
         numbers = range(len(cameras))
         photos = [self.renderer.render(cell, scene, self.library, numbers) for scene in (played.scene, None)]
         views = tuple(
-            View(a, b, c, f"view {i}") for i, a, b, c in zip(numbers, *photos, cameras, strict=True)
+            View(c, a, b, name=f"view {i}") for i, a, b, c in zip(numbers, *photos, cameras, strict=True)
         )
         return Views(views, workspace)
 

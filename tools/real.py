@@ -29,7 +29,8 @@ from scipy.spatial import cKDTree
 from judge import NUM_POINTS, Judge
 from measured import Meshes, RealScene, Thing
 from neugrasp.baselines.vgn import VgnDetector, load_vgn_head
-from neugrasp.detection.detector import Detection, NeuGraspDetector
+from neugrasp.detection.contract import Detection
+from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
 from neugrasp.geometry.fusion import fuse
 from neugrasp.geometry.pose import Array, inverse
@@ -38,9 +39,9 @@ from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
 from neugrasp.long_runs import source_commit
 from neugrasp.metrics import wilson_interval
+from neugrasp.observation import DepthViews
 from neugrasp.pictures import draw_grasps, photo_of_workspace
 from neugrasp.pictures.shading import free_where_unseen
-from neugrasp.views import DepthViews
 
 FORMATTER = argparse.RawDescriptionHelpFormatter
 ABOVE_TABLE = 0.0075
@@ -50,8 +51,8 @@ ABOVE_TABLE = 0.0075
 def fused_surface(depths: DepthViews) -> Surface:
     """What a depth camera measured, workspace frame."""
     workspace_from_world = inverse(depths.workspace.world_from_workspace)
-    cameras = [view.camera.moved(workspace_from_world) for view in depths.views]
-    tsdf = fuse([view.depth for view in depths.views], cameras, depths.workspace)
+    cameras = [view.camera.moved(workspace_from_world) for view in depths.frames]
+    tsdf = fuse([view.depth for view in depths.frames], cameras, depths.workspace)
     return surface_of(free_where_unseen(tsdf.values), depths.workspace)
 
 
@@ -108,7 +109,7 @@ def judged(judge: Judge, surface: Surface, detection: Detection) -> dict[str, An
 def picture(scene: RealScene, grasps: Sequence[Grasp], gripper: Gripper) -> Picture.Image:
     """All photos with the measured meshes as dots, and the best grasps."""
     tiles = []
-    for view in scene.views.views:
+    for view in scene.views.frames:
         crop = photo_of_workspace(view, scene.views.workspace, 640)
         photo = Picture.fromarray(draw_grasps(crop, grasps[:3], gripper, 1))
         pen = ImageDraw.Draw(photo)
@@ -201,7 +202,7 @@ def score(args: argparse.Namespace) -> dict[str, dict[str, Any]]:
             judge = Judge(scene, meshes, gripper)
             physics = {"lifted_mm": judge.lifted_mm, "settled_mm": judge.settled_mm}
             detection = detector.detect(scene.views)
-            surface = surface_of(detection.tsdf, scene.views.workspace)
+            surface = surface_of(detection.grid(), scene.views.workspace)
             results["neugrasp"][scene.name] = judged(judge, surface, detection) | physics
             if vgn and scene.depths:
                 depths = scene.depth_views()

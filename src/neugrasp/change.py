@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from skimage.segmentation import watershed
 
-from neugrasp.views import Image
+from neugrasp.observation import Image
 
 TABLE, OBJECT, UNSURE = 0, 1, -1
 OFFSET = 0.06

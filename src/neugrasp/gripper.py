@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -86,6 +86,21 @@ class Gripper:
         """A bundled gripper by name, or a gripper file. Raises `InputError` naming the file and the field."""
         path = _file_of(name_or_path)
         return _gripper(Fields(str(path), read_json(path, "a gripper")))
+
+    @classmethod
+    def from_dict(cls, data: Any, source: str = "a gripper") -> Gripper:
+        """What a gripper file says, as plain data. Raises `InputError` naming `source` and the field."""
+        return _gripper(data if isinstance(data, Fields) else Fields(source, data))
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of a gripper file that `from_dict` and `load` read as this gripper."""
+        plain = asdict(self)
+        for link in (self.palm, self.finger):
+            parts = [{"hull": hull.tolist()} for hull in link.hulls]
+            entry = {"mass": link.mass, "centre_of_mass": link.centre_of_mass.tolist(), "parts": parts}
+            plain["palm" if link is self.palm else "finger"] = entry
+        plain["finger"] |= {"mount": plain.pop("finger_mount"), "pads": plain.pop("pads")}
+        return {"format": FORMAT, "version": VERSION, **plain}
 
     @property
     def tip_height(self) -> float:

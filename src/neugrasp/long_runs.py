@@ -38,7 +38,7 @@ def held(out: Path, command: str) -> Iterator[None]:
     """
     with naming(out):
         out.mkdir(parents=True, exist_ok=True)
-        file = (out / ".lock").open("w")
+        file = (out / ".lock").open("w", encoding="utf-8")
     with file:
         try:
             lock(file)

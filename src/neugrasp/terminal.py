@@ -5,25 +5,37 @@ from __future__ import annotations
 import difflib
 import io
 import logging
+import shlex
 import sys
+import time
 import unicodedata
 from collections.abc import Collection, Sequence
 from typing import TextIO
 
+from neugrasp import progress
 from neugrasp.errors import InputError
+from neugrasp.progress import Progress
 
 
-def speak_plainly() -> None:
+def speak_plainly() -> TerminalLog:
     """What a stream cannot say in its own encoding is spelt out, and what is logged goes to stderr."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    logging.basicConfig(level=logging.INFO, handlers=[terminal_log(sys.stderr)])
+    handler = TerminalLog(sys.stderr)
+    logging.basicConfig(level=logging.INFO, handlers=[handler])
+    progress.log.setLevel(logging.DEBUG)
+    return handler
+
+
+def next_step(*words: object, why: str = "") -> str:
+    """The line that says what to type next: a command for a shell, which takes the reason for a comment."""
+    return f"next: neugrasp {shlex.join(map(str, words))}" + (f"  # {why}" if why else "")
 
 
 def check_command(words: Sequence[str], commands: Collection[str]) -> None:
-    """Raises `InputError` with the nearest command where the first word is neither one nor an option."""
-    if not words or words[0].startswith("-") or words[0] in commands:
+    """Raises `InputError` with the nearest command where the first word is none."""
+    if words[0] in commands:
         return
     near = difflib.get_close_matches(words[0], commands, n=1)
     hint = f"did you mean {near[0]}?" if near else f"choose one of {', '.join(commands)}"
@@ -67,9 +79,63 @@ class _Once(logging.Filter):
         return is_new
 
 
-def terminal_log(stream: TextIO) -> logging.Handler:
-    """Messages alone, one a line, as a terminal may get them; the same warning only once."""
-    handler = logging.StreamHandler(stream)
-    handler.addFilter(_Once())
-    handler.setFormatter(_Printable("%(message)s"))
-    return handler
+class TerminalLog(logging.StreamHandler[TextIO]):
+    """Messages alone, one a line, as a terminal may get them; the same warning only once. How far a work is
+    becomes a bar below them where the stream is a terminal, and is left out elsewhere."""
+
+    def __init__(self, stream: TextIO):
+        super().__init__(stream)
+        self._bar = _Bar(stream)
+        self.addFilter(_Once())
+        self.setFormatter(_Printable("%(message)s"))
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Writes a message above the bar, or moves the bar."""
+        reached = getattr(record, "progress", None)
+        if isinstance(reached, Progress):
+            self._bar.show(reached)
+        else:
+            self._bar.clear()
+            super().emit(record)
+
+    def clear(self) -> None:
+        """Takes the bar away, for what is printed elsewhere."""
+        self._bar.clear()
+
+
+class _Bar:
+    """The last line of a terminal."""
+
+    WIDTH = 24
+
+    def __init__(self, stream: TextIO):
+        self._stream = stream
+        self._shown = ""
+        self._what, self._begun, self._before = "", 0.0, 0
+
+    def show(self, progress: Progress) -> None:
+        if not self._stream.isatty():
+            return
+        if progress.what != self._what or progress.done < self._before:
+            self._what, self._begun, self._before = progress.what, time.monotonic(), progress.done
+        self.clear()
+        if progress.done < progress.total:
+            self._shown = self._words(progress)
+            self._stream.write(self._shown)
+            self._stream.flush()
+
+    def clear(self) -> None:
+        if self._shown:
+            self._stream.write("\r" + " " * len(self._shown) + "\r")
+            self._stream.flush()
+            self._shown = ""
+
+    def _words(self, progress: Progress) -> str:
+        full = self.WIDTH * progress.done // progress.total
+        bar = "#" * full + "." * (self.WIDTH - full)
+        made = progress.done - self._before
+        left = ""
+        if made:
+            seconds = (time.monotonic() - self._begun) / made * (progress.total - progress.done)
+            left = f", {seconds:.0f} s left" if seconds < 90 else f", {seconds / 60:.0f} min left"
+        return f"[{bar}] {progress.done} of {progress.total} {progress.what}{left}"

@@ -20,8 +20,8 @@ from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
 from neugrasp.model.config import ModelConfig
 from neugrasp.model.grasp_head import GraspHead, GraspVolume
+from neugrasp.observation import DepthView, DepthViews
 from neugrasp.simulation.depth import plane_depth
-from neugrasp.views import DepthView, DepthViews
 
 
 def public_state(head: GraspHead) -> dict[str, Tensor]:
@@ -116,9 +116,9 @@ def test_grasps_come_back_in_the_users_world(workspace: Workspace, rng: np.rando
     detector = VgnDetector(head, Gripper.load("panda"))  # type: ignore[arg-type]
     moved = rigid(rotation_about((0.2, 0.1, 1), 0.7), (1.0, -2.0, 0.3))
     elsewhere = replace(workspace, world_from_workspace=moved)
-    here = DepthViews(tuple(DepthView(d, c) for d, c in zip(depths, cameras, strict=True)), workspace)
+    here = DepthViews(tuple(DepthView(c, depth=d) for d, c in zip(depths, cameras, strict=True)), workspace)
     there = DepthViews(
-        tuple(DepthView(d, c.moved(moved)) for d, c in zip(depths, cameras, strict=True)), elsewhere
+        tuple(DepthView(c.moved(moved), depth=d) for d, c in zip(depths, cameras, strict=True)), elsewhere
     )
     first, second = detector.detect(here), detector.detect(there)
     assert len(first.grasps) == len(second.grasps) > 0

@@ -13,6 +13,7 @@ from neugrasp import cli
 from neugrasp.bench import machine, measure
 from neugrasp.bench.command import SpeedTest
 from neugrasp.bench.report import HEADER
+from neugrasp.bench.run import run
 from neugrasp.bench.subjects import fresh_model
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.gripper import Gripper
@@ -78,7 +79,7 @@ def _check_table(printed: str, report: dict, file: Path) -> None:
 @pytest.mark.usefixtures("_tiny")
 def test_one_part_on_one_thread():
     torch.set_num_threads(before := torch.get_num_threads())
-    text = SpeedTest(part="inference", rounds=1, threads=1).run()
+    text = run(SpeedTest(part="inference", rounds=1, threads=1))
     assert "A training step" not in text
     assert "1 threads" in text
     assert torch.get_num_threads() == before

@@ -120,3 +120,11 @@ def test_an_unknown_key_is_named_once_with_the_nearest_known_one(caplog: pytest.
         "file: the key 'note' is not known and ignored",
         "file: the key 'Image' is not known and ignored; did you mean 'image'?",
     ]
+
+
+@pytest.mark.parametrize("key", sorted(BENT))
+def test_what_is_refused_is_not_called_ignored(key: str, caplog: pytest.LogCaptureFixture):
+    warn_of_unknown(
+        [{"frame": 1, key: BENT[key], "colour": 2}], ("frame",), "a.json", logging.getLogger("test")
+    )
+    assert [record.args[1] for record in caplog.records] == ["colour"]

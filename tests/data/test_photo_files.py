@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import os
 import struct
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image as Picture
 
-from neugrasp.data.photo_files import image_size, orientation, read_image
+from neugrasp.data.photo_files import image_size, photo_tags, read_image
 from neugrasp.errors import InputError
 
 PHOTO = np.arange(48 * 40 * 3, dtype=np.uint32).reshape(40, 48, 3).astype(np.uint8)
@@ -48,7 +49,7 @@ SIZES = [(13000, 13000), (10001, 10000), (30000, 30000), (100_000_001, 1), (200_
 @pytest.mark.parametrize(("width", "height"), SIZES)
 def test_too_many_pixels_are_refused_before_they_are_decoded(tmp_path: Path, width: int, height: int):
     file = bomb(tmp_path / "a.png", width, height)
-    for read in (read_image, image_size, orientation):
+    for read in (read_image, image_size, photo_tags):
         with pytest.raises(
             InputError, match=r"more than the 100 megapixels that are read; view 0 needs a sm"
         ):
@@ -93,7 +94,7 @@ def test_an_orientation_is_told_and_turns_nothing(tmp_path: Path, value: int):
     tags[274] = value
     Picture.fromarray(PHOTO).save(tmp_path / "a.png", exif=tags)
     np.testing.assert_array_equal(read_image(tmp_path / "a.png", "view 0"), PHOTO)
-    lies = orientation(tmp_path / "a.png", "view 0")
+    lies = photo_tags(tmp_path / "a.png", "view 0").lies
     assert (lies is None) == (value == 1)
     assert ("90" in (lies or "")) == (value >= 5)
 
@@ -123,6 +124,27 @@ def test_what_is_no_photo_is_named(tmp_path: Path):
         ("drawing.png", "no image that can be read"),
         ("none.png", "missing; view 0 names it"),
     ):
-        for read in (read_image, image_size, orientation):
+        for read in (read_image, image_size, photo_tags):
             with pytest.raises(InputError, match=message):
                 read(tmp_path / name, "view 0")
+
+
+def test_damaged_tags_are_no_tags(tmp_path: Path):
+    """Not a word of Pillow's, whatever the bytes of the tags are."""
+    tags = Picture.Exif()
+    tags[274], tags[0x8769] = 6, {0xA405: 26, 0xA002: 64, 0xA003: 48, 0x920A: 4.2}
+    stream, file = io.BytesIO(), tmp_path / "a.jpg"
+    Picture.new("RGB", (64, 48)).save(stream, "JPEG", exif=tags)
+    right, rng = stream.getvalue(), np.random.default_rng(0)
+    begin = right.index(b"Exif")
+    for _ in range(400):
+        data = np.frombuffer(right, np.uint8).copy()
+        places = begin + rng.integers(0, 160, rng.integers(1, 6))
+        data[places] = rng.integers(0, 256, len(places))
+        file.write_bytes(data.tobytes())
+        try:
+            found = photo_tags(file, "view 0")
+        except InputError:
+            continue
+        assert found.focal_35mm is None or 5 <= found.focal_35mm <= 2000
+        assert found.lies is None or len(found.lies) < 50

@@ -66,9 +66,9 @@ def test_a_record_is_a_scene_that_any_detector_reads(record: Record, tmp_path: P
     write_record(tmp_path / "scene", record)
     views = read_scene(tmp_path / "scene")
     assert len(views) == len(record.cameras)
-    np.testing.assert_array_equal(views.views[0].image, record.images[0])
-    np.testing.assert_array_equal(views.views[0].background, record.backgrounds[0])
-    assert views.views[0].camera.sensed == record.cameras[0].sensed
+    np.testing.assert_array_equal(views.frames[0].image, record.images[0])
+    np.testing.assert_array_equal(views.frames[0].background, record.backgrounds[0])
+    assert views.frames[0].camera.sensed == record.cameras[0].sensed
     assert len(record.views(Workspace())) == len(views)
 
 

@@ -22,7 +22,7 @@ from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import from_quaternion, look_at
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.views import View, Views
+from neugrasp.observation import View, Views
 
 Edit = Callable[[dict[str, Any]], None]
 
@@ -39,12 +39,12 @@ def edited(folder: Path, edit: Edit) -> Path:
 def test_what_is_written_is_read(scene_folder: Path, small_views: Views):
     read = read_scene(scene_folder)
     assert len(read) == 4
-    for view, original in zip(read.views, small_views.views, strict=True):
+    for view, original in zip(read.frames, small_views.frames, strict=True):
         np.testing.assert_array_equal(view.image, original.image)
         np.testing.assert_array_equal(view.background, original.background)
         np.testing.assert_array_equal(view.camera.intrinsics, original.camera.intrinsics)
         np.testing.assert_array_equal(view.camera.world_from_camera, original.camera.world_from_camera)
-    assert read_scene(scene_folder / "scene.json").views[0].name == "images/0.png"
+    assert read_scene(scene_folder / "scene.json").frames[0].name == "images/0.png"
 
 
 @settings(max_examples=15, deadline=None)
@@ -77,12 +77,12 @@ def test_any_scene_survives_the_disk(
         pose = workspace.world_from_workspace @ look_at(eye, workspace.centre)
         sensed = (-0.5, rng.uniform(0, 5), width - 0.5, height - 1.5) if is_padded else None
         image, background = rng.integers(0, 256, size=(2, height, width, 3), dtype=np.uint8)
-        views.append(View(image, background, Camera(intrinsics, pose, width, height, sensed)))
+        views.append(View(Camera(intrinsics, pose, width, height, sensed), image, background))
     with tempfile.TemporaryDirectory() as folder:
         write_scene(Path(folder) / "s", Views(tuple(views), workspace))
         read = read_scene(Path(folder) / "s")
     np.testing.assert_array_equal(read.workspace.world_from_workspace, workspace.world_from_workspace)
-    for view, original in zip(read.views, views, strict=True):
+    for view, original in zip(read.frames, views, strict=True):
         np.testing.assert_array_equal(view.image, original.image)
         assert view.camera.sensed == original.camera.sensed
         np.testing.assert_array_equal(view.camera.world_from_camera, original.camera.world_from_camera)
@@ -183,8 +183,11 @@ MISTAKES: dict[str, tuple[Edit, str]] = {
     ),
     "no version": (lambda data: data.pop("version"), "unknown scene version None"),
     "no workspace": (lambda data: data.pop("workspace"), "'workspace' must be an object"),
-    "size in millimetres": (workspace(size=300), "300 m .that looks like millimetres.; it must be 0.30 m"),
-    "other size": (workspace(size=0.5), "workspace size 0.5 m; it must be 0.30 m"),
+    "size in millimetres": (
+        workspace(size=300),
+        "300 m .that looks like millimetres.; it must be the edge of the cube in metres, for .* 0.30",
+    ),
+    "other size": (workspace(size=5), "workspace size 5 m; it must be the edge"),
     "workspace scaled": (
         workspace(world_from_workspace=np.diag([2.0, 2, 2, 1]).tolist()),
         "world_from_workspace: not a rigid transform: it scales by 2",
@@ -259,7 +262,7 @@ def test_no_content_ends_in_anything_but_a_scene_or_an_input_error(
         pose = look_at((0.15, -0.2, 0.5), (0.15, 0.15, 0.05))
         camera = Camera(np.array([[30.0, 0, 16], [0, 30, 16], [0, 0, 1]]), pose, 32, 32)
         photo = np.zeros((32, 32, 3), dtype=np.uint8)
-        write_scene(folder, Views((View(photo, photo, camera),), Workspace()))
+        write_scene(folder, Views((View(camera, photo, photo),), Workspace()))
     file = folder / "scene.json"
     original = file.read_text()
     data = json.loads(original)
@@ -364,7 +367,7 @@ def test_a_pipe_is_no_scene_and_no_photo(scene_folder: Path):
 
 def test_names_written_on_windows_are_read(scene_folder: Path, small_views: Views):
     edited(scene_folder, lambda data: data["views"][0].update(image="images\\0.png"))
-    np.testing.assert_array_equal(read_scene(scene_folder).views[0].image, small_views.views[0].image)
+    np.testing.assert_array_equal(read_scene(scene_folder).frames[0].image, small_views.frames[0].image)
 
 
 def test_the_mark_of_byte_order_is_read_and_double_keys_are_not(scene_folder: Path):

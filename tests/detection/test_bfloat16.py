@@ -8,7 +8,7 @@ import torch
 
 from agreement import Found, agreement
 from neugrasp.data.scene_folder import read_scene
-from neugrasp.demo import demo_scenes
+from neugrasp.demo.bundled import demo_scenes
 from neugrasp.detection.detector import NeuGraspDetector
 
 FIRST, *OTHERS = [scene.name for scene in demo_scenes()]

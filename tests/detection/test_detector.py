@@ -13,8 +13,8 @@ from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
 from neugrasp.gripper import Gripper
 from neugrasp.model.network import NeuGrasp
+from neugrasp.observation import Views
 from neugrasp.training.recipes import tiny
-from neugrasp.views import Views
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def detector() -> NeuGraspDetector:
 def with_other_backgrounds(views: Views) -> Views:
     """The same photos at a cell whose empty table looks otherwise."""
     return replace(
-        views, views=tuple(replace(view, background=255 - view.background) for view in views.views)
+        views, frames=tuple(replace(view, background=255 - view.background) for view in views.frames)
     )
 
 
@@ -97,7 +97,7 @@ def test_a_cube_elsewhere_in_the_world_is_the_same_cube(detector: NeuGraspDetect
     place = np.eye(4)
     place[:3, 3] = 1.0, -2.0, 0.5
     workspace = replace(small_views.workspace, world_from_workspace=place)
-    views = tuple(replace(view, camera=view.camera.moved(place)) for view in small_views.views)
+    views = tuple(replace(view, camera=view.camera.moved(place)) for view in small_views.frames)
     np.testing.assert_allclose(
         detector.detect(Views(views, workspace)).tsdf, detector.detect(small_views).tsdf, atol=1e-4
     )

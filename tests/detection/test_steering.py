@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
+from PIL import Image as Picture
 
-from neugrasp.detection.detector import Detection
-from neugrasp.detection.steering import Steering
+from neugrasp.detection.contract import Detection
+from neugrasp.detection.options import Steering
+from neugrasp.detection.steering import steered
+from neugrasp.detection.things import things_in
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import rigid, rotation_about
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.grasp import Grasp
+from neugrasp.grasp import Grasp, Grasps
+from neugrasp.gripper import Gripper
+from neugrasp.observation import Views
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 PLACE = rigid(rotation_about((0, 0, 1), 0.4), (1.0, 2.0, 0.7))
@@ -25,7 +33,8 @@ def grasp(x: float, y: float, above_table: float, tilt_deg: float = 0.0, score: 
 
 
 def detection(*grasps: Grasp) -> Detection:
-    return Detection(grasps, np.ones((40, 40, 40), np.float32), {"too_narrow": 2}, 0.5, {}, 0.85)
+    surface, rejected = np.ones((40, 40, 40), np.float32), {"too_narrow": 2}
+    return Detection(Grasps.of(grasps), WORKSPACE, Gripper.load("panda"), surface, rejected, 0.5, 0.85)
 
 
 HIGH, LOW, TILTED = grasp(0.1, 0.1, 0.1), grasp(0.2, 0.2, 0.01), grasp(0.15, 0.1, 0.1, tilt_deg=50)
@@ -40,29 +49,96 @@ HIGH, LOW, TILTED = grasp(0.1, 0.1, 0.1), grasp(0.2, 0.2, 0.01), grasp(0.15, 0.1
     ],
 )
 def test_what_is_not_wanted_is_counted(steering: Steering, kept: tuple[Grasp, ...], reason: str):
-    found = steering.applied(detection(HIGH, LOW, TILTED), WORKSPACE)
-    assert found.grasps == kept
+    found = steered(detection(HIGH, LOW, TILTED), steering)
+    assert found.grasps == Grasps.of(kept)
     assert found.rejected == {"too_narrow": 2, reason: 3 - len(kept)}
+
+
+def two_things(gap: float = 0.05) -> np.ndarray:
+    """Boxes about (0.1, 0.15) and (0.2, 0.15), 6 cm high, with `gap` metres of nothing between them."""
+    x, y, z = np.moveaxis(WORKSPACE.voxel_centres(), -1, 0)
+    half = (0.1 - gap) / 2
+    boxes = [np.maximum.reduce([abs(x - at) - half, abs(y - 0.15) - half, z - 0.11]) for at in (0.1, 0.2)]
+    return (np.minimum.reduce([*boxes, z - 0.05]) / WORKSPACE.truncation).clip(-1, 1).astype(np.float32)
+
+
+def test_one_object_at_a_time_is_that_of_the_best_grasp_left():
+    """What touches is one object; a grasp belongs to the nearest."""
+    here, there = grasp(0.1, 0.15, 0.06, score=0.95), grasp(0.2, 0.15, 0.06, score=0.9)
+    also = grasp(0.11, 0.13, 0.03, score=0.86)
+    given = replace(detection(here, there, also), tsdf=two_things())
+    found = steered(given, Steering(one_object=True))
+    assert found.grasps == Grasps.of([here, also])
+    assert found.rejected == {"too_narrow": 2, "on_another_object": 1}
+    assert steered(given, Steering(one_object=True, top=1)).grasps == Grasps.of([here])
+    x, y, z = there.position
+    box = (x - 0.02, y - 0.02, z - 0.02, x + 0.02, y + 0.02, z + 0.02)
+    assert steered(given, Steering(one_object=True, region=box)).grasps == Grasps.of([there])
+    touching = replace(given, tsdf=two_things(gap=-0.01))
+    assert steered(touching, Steering(one_object=True)).grasps == Grasps.of([here, there, also])
+    nothing = replace(given, tsdf=np.ones_like(given.tsdf))
+    assert steered(nothing, Steering(one_object=True)).grasps == Grasps.of([here, there, also])
+
+
+def test_the_region_of_a_thing_holds_it_and_no_other():
+    things = things_in(two_things(), WORKSPACE)
+    assert len(things) == 2
+    for thing, at in zip(things, (0.1, 0.2) if things[0].voxels[0, 0] < 0.15 else (0.2, 0.1), strict=True):
+        inside, outside = grasp(at, 0.15, 0.05), grasp(0.3 - at, 0.15, 0.05)
+        found = steered(detection(inside, outside), Steering(region=thing.region(WORKSPACE)))
+        assert found.grasps == Grasps.of([inside])
+        assert thing.voxels[:, 2].min() > 0.05
+    specks = two_things()
+    specks[30:31, 5, 20] = -1
+    assert len(things_in(specks, WORKSPACE)) == 2
 
 
 def test_a_region_is_a_box_of_the_world():
     x, y, z = LOW.position
     box = (x - 0.01, y - 0.01, z - 0.01, x + 0.01, y + 0.01, z + 0.01)
-    found = Steering(region=box).applied(detection(HIGH, LOW, TILTED), WORKSPACE)
-    assert found.grasps == (LOW,)
+    found = steered(detection(HIGH, LOW, TILTED), Steering(region=box))
+    assert found.grasps == Grasps.of([LOW])
     assert found.rejected["outside_the_region"] == 2
+
+
+@pytest.mark.parametrize("view", [0, 2])
+def test_a_mask_is_drawn_in_one_of_the_photos(tmp_path: Path, small_views: Views, view: int):
+    """White where the low grasp is seen; a grasp that no photo sees is not wanted either."""
+    views = tuple(replace(one, camera=one.camera.moved(PLACE)) for one in small_views.frames)
+    moved = Views(views, WORKSPACE)
+    camera = views[view].camera
+    column, row = camera.project(LOW.position)[0].round().astype(int)
+    picture = np.zeros((camera.height, camera.width), np.uint8)
+    picture[row - 2 : row + 3, column - 2 : column + 3] = 255
+    Picture.fromarray(picture).save(tmp_path / "mask.png")
+    behind = replace(LOW, pose=LOW.pose @ rigid(translation=(0, 0, -9.0)))
+    steering = Steering(mask=(view, tmp_path / "mask.png"))
+    found = steered(detection(HIGH, LOW, behind), steering, moved)
+    assert found.grasps == Grasps.of([LOW])
+    assert found.rejected["outside_the_mask"] == 2
+
+    for mask, message in (
+        ((4, tmp_path / "mask.png"), r"--mask 4 .*mask\.png: there are views 0 to 3"),
+        ((-1, tmp_path / "mask.png"), "there are views 0 to 3"),
+        ((0, tmp_path / "none.png"), r"none\.png: missing"),
+    ):
+        with pytest.raises(InputError, match=message):
+            steered(detection(LOW), Steering(mask=mask), moved)
+    Picture.fromarray(np.zeros((90, 160), np.uint8)).save(tmp_path / "mask.png")
+    with pytest.raises(InputError, match="160 x 90 pixels; photo 0 has 64 x 36"):
+        steered(detection(LOW), Steering(mask=(0, tmp_path / "mask.png")), moved)
 
 
 def test_without_wishes_all_stays_as_it_is():
     given = detection(HIGH, LOW)
-    found = Steering().applied(given, WORKSPACE)
+    found = steered(given, Steering())
     assert (found.grasps, found.rejected) == (given.grasps, given.rejected)
 
 
 @pytest.mark.parametrize("degrees", [1.0, 49.9, 50.1, 90.0])
 def test_the_cone_ends_at_its_angle(degrees: float):
     down = PLACE[:3, :3] @ (0, 0, -1)
-    found = Steering(approach=(*down, degrees)).applied(detection(TILTED), WORKSPACE)
+    found = steered(detection(TILTED), Steering(approach=(*down, degrees)))
     assert bool(found.grasps) == (degrees > 50)
 
 

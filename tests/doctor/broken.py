@@ -13,7 +13,7 @@ from neugrasp.doctor import problems
 from neugrasp.doctor.findings import Level, Problem
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import from_quaternion, inverse, look_at, rigid, rotation_about, to_quaternion
-from neugrasp.views import View, Views
+from neugrasp.observation import View, Views
 
 Spoil = Callable[[Views], Views]
 GL = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -42,7 +42,7 @@ class Case:
 def each(change: Callable[[View], View], only: tuple[int, ...] = (0, 1, 2, 3)) -> Spoil:
     """Some or all views changed."""
     return lambda views: replace(
-        views, views=tuple(change(view) if i in only else view for i, view in enumerate(views.views))
+        views, frames=tuple(change(view) if i in only else view for i, view in enumerate(views.frames))
     )
 
 
@@ -78,8 +78,9 @@ def backgrounds(order: tuple[int, ...]) -> Spoil:
     """The backgrounds in another order."""
     return lambda views: replace(
         views,
-        views=tuple(
-            replace(v, background=views.views[j].background) for v, j in zip(views.views, order, strict=True)
+        frames=tuple(
+            replace(v, background=views.frames[j].background)
+            for v, j in zip(views.frames, order, strict=True)
         ),
     )
 
@@ -88,9 +89,9 @@ def poses(order: tuple[int, ...]) -> Spoil:
     """The poses in another order."""
     return lambda views: replace(
         views,
-        views=tuple(
-            replace(v, camera=replace(v.camera, world_from_camera=views.views[j].camera.world_from_camera))
-            for v, j in zip(views.views, order, strict=True)
+        frames=tuple(
+            replace(v, camera=replace(v.camera, world_from_camera=views.frames[j].camera.world_from_camera))
+            for v, j in zip(views.frames, order, strict=True)
         ),
     )
 
@@ -157,13 +158,13 @@ def turned(axis: tuple[float, float, float], degrees: float) -> np.ndarray:
 
 def from_one_place(views: Views) -> Views:
     """Four cameras within a centimetre."""
-    first = views.views[0].camera
+    first = views.frames[0].camera
     cameras = [
         replace(first, world_from_camera=rigid(first.world_from_camera[:3, :3], first.centre + d * 0.002))
         for d in np.eye(3)
     ]
     return replace(
-        views, views=tuple(view_of(camera, Room(seed=i)) for i, camera in enumerate([first, *cameras]))
+        views, frames=tuple(view_of(camera, Room(seed=i)) for i, camera in enumerate([first, *cameras]))
     )
 
 
@@ -175,7 +176,7 @@ def aimed_past(views: Views) -> Views:
         return replace(camera, world_from_camera=beside)
 
     return replace(
-        views, views=tuple(view_of(turned(v.camera), Room(seed=i)) for i, v in enumerate(views.views))
+        views, frames=tuple(view_of(turned(v.camera), Room(seed=i)) for i, v in enumerate(views.frames))
     )
 
 
@@ -187,7 +188,7 @@ def far_away(views: Views) -> Views:
         return replace(camera, world_from_camera=rigid(camera.world_from_camera[:3, :3], eye))
 
     return replace(
-        views, views=tuple(view_of(moved(v.camera), Room(seed=i)) for i, v in enumerate(views.views))
+        views, frames=tuple(view_of(moved(v.camera), Room(seed=i)) for i, v in enumerate(views.frames))
     )
 
 
@@ -322,17 +323,17 @@ CASES = [
         "a background from another place",
         lambda v: replace(
             v,
-            views=(
+            frames=(
                 replace(
-                    v.views[0],
+                    v.frames[0],
                     background=photo(
                         replace(
-                            v.views[0].camera, world_from_camera=look_at((0.4, 0.5, 0.4), (0.15, 0.15, 0.05))
+                            v.frames[0].camera, world_from_camera=look_at((0.4, 0.5, 0.4), (0.15, 0.15, 0.05))
                         ),
                         Room(objects=()),
                     ),
                 ),
-                *v.views[1:],
+                *v.frames[1:],
             ),
         ),
         problems.BACKGROUND_DIFFERS,
@@ -353,12 +354,12 @@ CASES = [
     Case("all photos from one place", from_one_place, problems.NO_BASELINE, RED),
     Case(
         "one view given twice",
-        lambda v: replace(v, views=(*v.views[:3], v.views[0])),
+        lambda v: replace(v, frames=(*v.frames[:3], v.frames[0])),
         problems.SAME_PLACE,
         YELLOW,
         (0, 3),
     ),
-    Case("one view only", lambda v: replace(v, views=v.views[:1]), problems.SINGLE_VIEW, YELLOW),
+    Case("one view only", lambda v: replace(v, frames=v.frames[:1]), problems.SINGLE_VIEW, YELLOW),
     Case("one image blurred by motion", each(blurred, (2,)), problems.BLURRED, YELLOW, (2,)),
     Case("all photos out of focus", each(out_of_focus), problems.BLURRED, YELLOW),
     Case("photos underexposed", each(exposed(0.01)), problems.DARK, RED),

@@ -75,6 +75,16 @@ def turned(folder: Path) -> None:
         picture.save(folder / "images/0.png", exif=tags)
 
 
+def zoomed(folder: Path) -> None:
+    """A photo that says that it was taken with a lens of twice the focal length."""
+    with Picture.open(folder / "images/1.png") as picture:
+        tags = picture.getexif()
+        entry = json.loads((folder / "scene.json").read_text())["views"][1]
+        film = entry["intrinsics"][0][0] * np.hypot(36, 24) / np.hypot(*picture.size)
+        tags[0x8769] = {0xA405: round(2 * film)}
+        picture.save(folder / "images/1.png", exif=tags)
+
+
 RED = Level.RED
 FOLDER_CASES = [
     FolderCase("scene.json missing", lambda f: (f / "scene.json").unlink(), problems.UNREADABLE, RED),
@@ -94,6 +104,7 @@ FOLDER_CASES = [
     ),
     FolderCase("a background of another size", smaller, problems.UNREADABLE, RED, (3,)),
     FolderCase("a photo with a rotation tag", turned, problems.ROTATION_TAG, Level.YELLOW),
+    FolderCase("a photo of a lens of twice the focal length", zoomed, problems.OTHER_LENS, Level.YELLOW),
     FolderCase(
         "a pose with a left-handed frame",
         posed(lambda p: p @ np.diag([1, 1, -1, 1]), (0,)),

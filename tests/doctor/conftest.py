@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from neugrasp.data.scene_folder import write_scene
-from neugrasp.views import Views
+from neugrasp.observation import Views
 
 sys.path.insert(0, str(Path(__file__).parent))
 

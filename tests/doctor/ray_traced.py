@@ -10,7 +10,7 @@ from scipy import ndimage
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.view_sets import view_set
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.views import View, Views
+from neugrasp.observation import View, Views
 
 TILE = 0.8
 """Metres after which the table's pattern repeats."""
@@ -129,4 +129,4 @@ def good_capture(name: str = "released", size: tuple[int, int] = (640, 360)) -> 
 def view_of(camera: Camera, room: Room, empty: Room | None = None) -> View:
     """A photo of the objects in one room, and of the empty table in another; by default the same."""
     empty = empty or replace(room, seed=room.seed + 100)
-    return View(photo(camera, room), photo(camera, replace(empty, objects=())), camera)
+    return View(camera, photo(camera, room), photo(camera, replace(empty, objects=())))

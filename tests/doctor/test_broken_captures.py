@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -25,7 +26,7 @@ from neugrasp.doctor.fix import write_fixed
 from neugrasp.doctor.problems import INVERTED_WORKSPACE
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import from_quaternion, inverse
-from neugrasp.views import Views
+from neugrasp.observation import Views
 
 QUICK = {
     "cameras of OpenGL or Blender",
@@ -124,7 +125,7 @@ def assert_same(views: Views, other: Views, tolerance: float = 1e-9) -> None:
     """The same photos by the same cameras; principal points only to half a pixel."""
     mine, theirs = views.workspace.world_from_workspace, other.workspace.world_from_workspace
     np.testing.assert_allclose(mine, theirs, atol=tolerance)
-    for one, two in zip(views.views, other.views, strict=True):
+    for one, two in zip(views.frames, other.frames, strict=True):
         np.testing.assert_array_equal(one.image, two.image)
         np.testing.assert_array_equal(one.background, two.background)
         np.testing.assert_allclose(one.camera.world_from_camera, two.camera.world_from_camera, atol=tolerance)
@@ -160,7 +161,8 @@ def test_the_command_writes_a_corrected_copy_that_is_green(
     write_scene(bad, case.spoil(clinic.good))
     written = (bad / "scene.json").read_text()
     assert cli.main(["doctor", str(bad), "--fix", str(fixed)]) == 1
-    assert capsys.readouterr().out.endswith(f"{bad}: red\n{fixed}: green\n")
+    then = f"next: neugrasp predict {fixed} --out outputs/fixed\n"
+    assert capsys.readouterr().out.endswith(f"{bad}: red\n{fixed}: green\n{then}")
     assert_same(read_scene(fixed), clinic.good)
     assert (bad / "scene.json").read_text() == written
 
@@ -200,10 +202,29 @@ def test_a_folder_in_use_is_not_written_into(clinic: Clinic, tmp_path: Path):
     assert [file.name for file in tmp_path.iterdir()] == ["mine.txt"]
 
 
+def test_photos_named_as_windows_does_are_copied(clinic: Clinic, tmp_path: Path):
+    """With backslashes, and with folders in folders."""
+    (case,) = [case for case in FOLDER_CASES if case.what == "poses transposed"]
+    shutil.copytree(clinic.spoilt(case), tmp_path / "bad")
+    (tmp_path / "bad/images").rename(tmp_path / "bad/photos")
+    (tmp_path / "bad/rig").mkdir()
+    (tmp_path / "bad/photos").rename(tmp_path / "bad/rig/images")
+    file = tmp_path / "bad/scene.json"
+    data = json.loads(file.read_text())
+    for view in data["views"]:
+        view["image"] = "rig\\" + view["image"].replace("/", "\\")
+        view["background"] = view["background"].replace("/", "\\")
+    file.write_text(json.dumps(data))
+    write_fixed(examine_folder(tmp_path / "bad"), file, tmp_path / "fixed")
+    assert_same(read_scene(tmp_path / "fixed"), clinic.good)
+    assert (tmp_path / "fixed/rig/images/0.png").is_file()
+    assert not [path for path in (tmp_path / "fixed").iterdir() if "\\" in path.name]
+
+
 def test_an_inverted_workspace_is_found_and_mended(good: Views):
     """In a world of its own: `good` has the cube at the origin, where the inverse is the same."""
     new_from_old = from_quaternion((0.1, -0.2, 0.6, 0.7), (0.4, -0.3, 0.8))
-    views = tuple(replace(view, camera=view.camera.moved(new_from_old)) for view in good.views)
+    views = tuple(replace(view, camera=view.camera.moved(new_from_old)) for view in good.frames)
     moved = Views(views, replace(good.workspace, world_from_workspace=new_from_old))
     inverted = replace(good.workspace, world_from_workspace=inverse(new_from_old))
     diagnosis = examine(Capture.of(Views(views, inverted)))

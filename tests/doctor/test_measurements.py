@@ -20,7 +20,7 @@ from neugrasp.doctor.shot import Shot, grey, shots_of
 from neugrasp.doctor.table import mean_correlation, table_pictures
 from neugrasp.geometry.pose import from_quaternion, rigid
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.views import Views
+from neugrasp.observation import Views
 
 few = settings(max_examples=8, deadline=None)
 
@@ -95,12 +95,12 @@ def test_the_diagnosis_does_not_depend_on_the_users_world(
 ):
     """Nor does a shifted background look different from there."""
     new_from_world = from_quaternion(quaternion, position)
-    views = list(good.views)
+    views = list(good.frames)
     views[0] = replace(views[0], background=np.roll(views[0].background, 2, axis=1))
-    spoilt = replace(good, views=tuple(views))
+    spoilt = replace(good, frames=tuple(views))
     moved = replace(
         spoilt,
-        views=tuple(replace(view, camera=view.camera.moved(new_from_world)) for view in spoilt.views),
+        frames=tuple(replace(view, camera=view.camera.moved(new_from_world)) for view in spoilt.frames),
         workspace=replace(good.workspace, world_from_workspace=new_from_world),
     )
     here, there = examine(Capture.of(spoilt)), examine(Capture.of(moved))
@@ -109,7 +109,7 @@ def test_the_diagnosis_does_not_depend_on_the_users_world(
 
 
 def test_the_order_of_the_views_changes_no_verdict(good: Views):
-    turned = examine(Capture.of(replace(good, views=good.views[::-1])))
+    turned = examine(Capture.of(replace(good, frames=good.frames[::-1])))
     assert turned.level == Level.GREEN
     straight = examine(Capture.of(good))
     assert [f.item for f in turned.findings] == [f.item for f in straight.findings]

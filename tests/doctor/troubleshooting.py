@@ -20,7 +20,7 @@ table`. `--report FILE.html` draws the cube and the table into every photo, `--f
 copy where the cause is certain and the copy is better. It ends with 1 on red alone.
 
 `neugrasp predict` takes a quick look first, at what costs little and decides: conventions, units, intrinsics,
-coverage, rotation tags, equal photos, and whether the photos agree about the table. It refuses on red unless
+coverage, EXIF tags, equal photos, and whether the photos agree about the table. It refuses on red unless
 `--force` is given; with `--examine` everything is looked at.
 [capture.md](capture.md#how-exact-poses-must-be) says where yellow and red lie.
 
@@ -44,8 +44,10 @@ same test checks it.
 | with nothing between the fingers | the best places lie beside the surface: see the report's surface |
 | beside a better one | nothing: of close neighbours only the best is kept |
 | outside of the region | `--region` is a box in the world, in metres |
+| outside of the mask | `--mask` is a picture of one photo, white where grasps are wanted |
 | from another side than the approach asked for | a wider angle in `--approach`; 0 0 -1 is from above |
 | lower than the least height | a smaller `--min-height`: from the table to between the fingertips |
+| on another object than the best | nothing: `--one-object` keeps the grasps of one, then look again |
 | beyond the best that were asked for | nothing: `--top` keeps so many |
 
 ## What the doctor can say

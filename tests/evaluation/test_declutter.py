@@ -4,27 +4,30 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable, Iterator, Sequence
+from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from neugrasp.detection.detector import Detection
+from neugrasp.detection.contract import Detection
+from neugrasp.detection.registry import DEPTH, GROUP, PHOTOS, TRUTH, detector_spec
 from neugrasp.evaluation.declutter import Game, Judgement, declutter
-from neugrasp.evaluation.detector_registry import DETECTORS
 from neugrasp.evaluation.episode import Episode
 from neugrasp.evaluation.protocols import PROTOCOLS, STRATEGIES, protocol_of, strategy_of
 from neugrasp.evaluation.scores import scores
 from neugrasp.evaluation.witness import SimulatedWitness
 from neugrasp.geometry.workspace import Workspace
+from neugrasp.grasp import Grasps
 from neugrasp.metrics import l1_by_mask
+from neugrasp.observation import Views, with_depth
 from neugrasp.robot.interface import Robot
 from neugrasp.robot.simulated import SimulatedRobot
-from neugrasp.robot.simulated_cameras import DepthCamera, PhotoCamera, TruthCamera
+from neugrasp.robot.simulated_cameras import DepthCamera, PhotoCamera, RgbdCamera, TruthCamera
 from neugrasp.simulation.cell import sample_cell
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.scene import Cell, Scene
-from neugrasp.views import Views
 from toy_boxes import AirGrasper, Blind, Boxes, Cheat, box, boxes_scene, detection, grasp_of
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -196,10 +199,25 @@ def test_scenes_that_look_alike_are_the_same_to_the_last_byte_for_a_detector(wor
 
 
 def test_only_measuring_sticks_are_told_the_truth():
-    told = {name for name, spec in DETECTORS.items() if spec.observes == "truth"}
-    assert told == {"oracle", "antipodal"}
-    assert DETECTORS["neugrasp"].observes == "photos"
-    assert DETECTORS["vgn"].observes == "depth"
+    specs = {point.name: detector_spec(point.name) for point in entry_points(group=GROUP)}
+    assert {name for name, spec in specs.items() if spec.observes == TRUTH} >= {"oracle", "antipodal"}
+    assert (specs["neugrasp"].observes, specs["vgn"].observes) == (PHOTOS, DEPTH)
+
+
+def test_a_detector_of_colour_and_depth_sees_both_from_the_same_places(world: World, tmp_path: Path):
+    robot = SimulatedRobot(world, boxes_scene(THREE[0]))
+    cell = sample_cell(world.workspace, "released", 0, "test", size=32, num_targets=0)
+    black = [np.zeros((32, 32, 3), np.uint8)] * cell.num_inputs
+
+    class Black:
+        def render(self, *_: object) -> list[np.ndarray]:
+            return black
+
+    photos = PhotoCamera(robot, cell, black, Black(), Boxes(tmp_path), world.workspace)
+    seen = RgbdCamera(photos, DepthCamera(world, cell.cameras[: cell.num_inputs])).look()
+    assert seen.channels == {"image", "background", "depth"}
+    assert [frame.camera for frame in seen.frames] == list(cell.cameras[: cell.num_inputs])
+    assert with_depth(seen).frames[0].depth.max() > 0.1
 
 
 def test_depth_cameras_measure_the_table(world: World):
@@ -207,9 +225,9 @@ def test_depth_cameras_measure_the_table(world: World):
     cell = sample_cell(world.workspace, "released", 0, "test", size=32, num_targets=0)
     seen = DepthCamera(world, cell.cameras).look()
     exact = [world.depth_and_mask(camera)[0] for camera in cell.cameras]
-    assert all(np.array_equal(v.depth, d) for v, d in zip(seen.views, exact, strict=True))
+    assert all(np.array_equal(v.depth, d) for v, d in zip(seen.frames, exact, strict=True))
     doubled = DepthCamera(world, cell.cameras, lambda depth: 2 * depth).look()
-    assert np.array_equal(doubled.views[0].depth, 2 * exact[0])
+    assert np.array_equal(doubled.frames[0].depth, 2 * exact[0])
     assert robot.count() == 1
 
 
@@ -236,7 +254,7 @@ def test_the_true_surface_has_no_error(world: World):
     robot = SimulatedRobot(world, boxes_scene(*THREE))
     truth = TruthCamera(world)
     true = 2 * vgn_grid(truth.look().tsdf) - 1
-    found = Detection((), true, {}, 0.0, {})
+    found = Detection(Grasps.of(()), world.workspace, world.gripper, true)
     assert SimulatedWitness(robot, truth).judge(found).l1 == dict.fromkeys(l1_by_mask(0.0, true), 0.0)
     assert truth.look() is truth.look()
     world.remove(0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 import torch
 
 from neugrasp.data.scene_folder import read_scene
-from neugrasp.demo import demo_scenes
+from neugrasp.demo.bundled import demo_scenes
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Evaluate
@@ -19,7 +20,17 @@ from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import gripper_hash
 from neugrasp.model.evaluator_file import load_evaluator, save_evaluator, shipped_evaluators
 from neugrasp.model.grasp_evaluator import GraspEvaluator
-from neugrasp.report.predict import PredictRun, predict
+from neugrasp.report.command import Predict
+from neugrasp.report.predict import predict
+
+ORACLE, ON_PHOTOS = "neugrasp.evaluation.measuring_sticks:JUDGED", "neugrasp.detection.detector:JUDGED"
+"""By module: an installation of before them does not know the names."""
+
+
+def test_both_have_names():
+    entries = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))
+    named = entries["project"]["entry-points"]["neugrasp.detectors"]
+    assert (named["oracle-evaluator"], named["neugrasp-evaluator"]) == (ORACLE, ON_PHOTOS)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +46,7 @@ def evaluator(tmp_path_factory) -> Path:
 def test_it_plays_a_round_and_says_what_it_asked(evaluator, tmp_path):
     config = Evaluate(
         out=tmp_path,
-        detector="oracle-evaluator",
+        detector=ORACLE,
         evaluator=str(evaluator),
         scene="single",
         rounds=1,
@@ -74,7 +85,7 @@ def test_it_refuses_what_it_was_not_made_for(evaluator, tmp_path):
 
 
 def test_predict_asks_the_bundled_one(tmp_path):
-    run = PredictRun(scene=demo_scenes()[0].folder, out=tmp_path / "out", evaluator="neugrasp")
+    run = Predict(scene=demo_scenes()[0].folder, out=tmp_path / "out", detector=ON_PHOTOS)
     assert "grasps, the best with score" in predict(run)
     grasps = json.loads((tmp_path / "out" / "grasps.json").read_text())["grasps"]
     assert all(grasp["score"] >= load_evaluator("neugrasp").about["threshold"] for grasp in grasps)

@@ -14,6 +14,7 @@ import pytest
 import torch
 
 from neugrasp import cli
+from neugrasp.data import records
 from neugrasp.data.records import Record, read_record, write_record
 from neugrasp.errors import InputError
 from neugrasp.evaluation import held_out
@@ -53,6 +54,18 @@ def write_weights(path: Path, seed: int) -> str:
     torch.nn.init.constant_(model.head.width.bias, 6.0)
     save_checkpoint(path, model, {})
     return str(path)
+
+
+def test_scenes_without_photos_are_named(tmp_path: Path, weights: str):
+    from ball_record import ball_record
+
+    for name, has_photos in (("ball-0", True), ("ball-1", False)):
+        record = replace(ball_record(size=32), name=name)
+        if not has_photos:
+            record = replace(record, cell={"photos": False}, **records.without_photos())
+        write_record(tmp_path / "scenes" / name, record)
+    with pytest.raises(InputError, match="1 of 2 scenes have no photos, ball-1 among them"):
+        run_held_out(Validate(data=(tmp_path,), out=tmp_path / "out", weights=weights))
 
 
 @pytest.fixture(scope="module")
@@ -207,4 +220,4 @@ def test_the_program_prints_it_as_a_table(
         (at,) = [i for i, line in enumerate(lines) if line.startswith(material + " ")]
         assert f"{scores['l1_0.3']:.3f}" in lines[at]
         assert f"{scores['l1_0.05_constant_+1']:.3f}" in lines[at + 3]
-    assert lines[-1].endswith("held_out.json")
+    assert lines[-2].endswith("held_out.json")

@@ -21,13 +21,14 @@ import pytest
 import torch
 
 from neugrasp import cli
+from neugrasp.detection import registry
 from neugrasp.detection.detector import NeuGraspDetector
+from neugrasp.detection.registry import GROUP, PHOTOS, detector_spec
 from neugrasp.errors import InputError
-from neugrasp.evaluation import detector_registry, run
+from neugrasp.evaluation import run
 from neugrasp.evaluation.bench import Bench
 from neugrasp.evaluation.commands import Evaluate, Story
 from neugrasp.evaluation.compare import compare
-from neugrasp.evaluation.detector_registry import GROUP, detector_spec
 from neugrasp.evaluation.episode import Episode, read_episode
 from neugrasp.evaluation.measuring_sticks import Oracle
 from neugrasp.evaluation.rounds import Round, Rounds
@@ -194,7 +195,7 @@ def test_another_evaluation_is_refused_and_nothing_is_touched(undisturbed: Path)
         ({"workers": 0}, "--workers 0"),
         ({"rounds": 0}, "--rounds 0"),
         ({"detector": "vgn"}, "public checkpoint"),
-        ({"detector": "anygrasp"}, "choose one of neugrasp, vgn, oracle, antipodal, or name one as package"),
+        ({"detector": "anygrasp"}, "choose one of antipodal, neugrasp, oracle, vgn, or name one as package"),
         ({"detector": "nowhere:SPEC"}, "--detector nowhere:SPEC: cannot be imported"),
         ({"detector": "toy_detector:NONE"}, "--detector toy_detector:NONE: cannot be imported"),
         ({"detector": "toy_detector:Downwards"}, "is a type, not a DetectorSpec"),
@@ -299,8 +300,8 @@ def test_the_threshold_is_the_users_or_the_weights_or_the_protocols(tmp_path: Pa
         ({"weights": str(judged), "threshold": 0.3}, 0.3),
     ):
         config = small(tmp_path / "out", detector="oracle", **changes)
-        assert detector_spec("oracle").facts(config)["threshold"] == threshold
-        oracle = detector_spec("oracle").load(config)
+        assert detector_spec("oracle").facts(config.options())["threshold"] == threshold
+        oracle = detector_spec("oracle").load(config.options())
         assert isinstance(oracle, Oracle)
         assert oracle.threshold == threshold
 
@@ -315,9 +316,9 @@ def test_a_detector_of_another_package_plays(tmp_path: Path, photographers: Modu
 
 def test_an_installed_detector_is_known_by_its_name(monkeypatch: pytest.MonkeyPatch):
     point = EntryPoint("downwards", "toy_detector:SPEC", GROUP)
-    monkeypatch.setattr(detector_registry, "entry_points", lambda group: [point] if group == GROUP else [])
-    assert detector_spec("downwards").observes == "photos"
-    with pytest.raises(InputError, match="antipodal, downwards"):
+    monkeypatch.setattr(registry, "entry_points", lambda group: [point] if group == GROUP else [])
+    assert detector_spec("downwards").observes == PHOTOS
+    with pytest.raises(InputError, match="choose one of downwards"):
         detector_spec("upwards")
 
 

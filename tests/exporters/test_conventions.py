@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from neugrasp import cli
+from neugrasp.detection.files import read_grasp_list, write_grasps
 from neugrasp.errors import InputError
-from neugrasp.export import write_grasps
-from neugrasp.exporters import graspnet, ros, vgn
+from neugrasp.exporters import graspnet, ros, ur, vgn
 from neugrasp.geometry.pose import apply, from_quaternion, inverse, rigid
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
@@ -49,6 +49,11 @@ def test_decoding_undoes_encoding(found: list[Grasp], gripper: Gripper):
     for link in LINKS:
         stamp = ros.Stamp("base_link", link)
         same(ros.decode(ros.encode(found, gripper, stamp), gripper, stamp), found)
+        for row, grasp in zip(ur.encode(found, gripper, link), found, strict=True):
+            shift = ros.link_from_tcp(gripper, link)
+            way = {"pregrasp": grasp.pregrasp, "grasp": grasp.pose, "retreat": grasp.retreat}
+            for key, pose in way.items():
+                np.testing.assert_allclose(ur.pose_of(row[key]) @ shift, pose, atol=1e-9)
 
 
 @settings(max_examples=10, deadline=None)
@@ -64,6 +69,8 @@ def test_the_files_hold_the_same(
     for link in LINKS:
         ros.write(folder / "a.json", found, gripper, ros.Stamp("map", link))
         same(ros.read(folder / "a.json", gripper), found)
+        ur.write(folder / "b.json", found, gripper, link)
+        same(ur.read(folder / "b.json", gripper), found)
 
 
 GRASP = Grasp(from_quaternion([0.2, 0.9, -0.3, 0.1], (0.4, -0.1, 0.3)), width=0.05, score=0.9)
@@ -108,13 +115,82 @@ def test_ros_gets_a_pose_stamped_of_the_link():
     gripper = GRIPPERS[0]
     (tcp,) = ros.encode([GRASP], gripper, ros.Stamp("base_link"))
     (hand,) = ros.encode([GRASP], gripper, ros.Stamp("base_link", "hand"))
-    assert set(tcp) == {"id", "grasp_pose", "grasp_quality", "width"}
+    assert set(tcp) == {"id", "grasp_pose", "pre_grasp_pose", "retreat_pose", "grasp_quality", "width"}
+    np.testing.assert_allclose(ros.pose_of(tcp["pre_grasp_pose"]), GRASP.pregrasp, atol=1e-9)
+    np.testing.assert_allclose(ros.pose_of(tcp["retreat_pose"]), GRASP.retreat, atol=1e-9)
     pose = tcp["grasp_pose"]
     assert pose["header"] == {"frame_id": "base_link"}
     assert list(pose["pose"]["position"].values()) == pytest.approx([0.4, -0.1, 0.3])
     # The Panda's TCP is 0.1034 m beyond panda_hand.
     between = inverse(ros.pose_of(hand["grasp_pose"])) @ ros.pose_of(pose)
     np.testing.assert_allclose(between, rigid(translation=(0, 0, 0.1034)), atol=1e-9)
+
+
+def test_universal_robots_get_a_rotation_vector_in_radians():
+    """Straight down with the fingers along y is half a turn about x."""
+    down = Grasp(rigid(np.diag([1.0, -1.0, -1.0]), (0.4, -0.1, 0.3)), 0.05, 0.9)
+    (row,) = ur.encode([down], GRIPPERS[0], "tcp")
+    np.testing.assert_allclose(np.abs(row["grasp"]), (0.4, 0.1, 0.3, np.pi, 0, 0), atol=1e-9)
+    np.testing.assert_allclose(row["pregrasp"][:3], (0.4, -0.1, 0.35), atol=1e-9)
+    np.testing.assert_allclose(row["retreat"][:3], (0.4, -0.1, 0.40), atol=1e-9)
+    (row,) = ur.encode([down], GRIPPERS[0], "hand")
+    np.testing.assert_allclose(row["grasp"][:3], (0.4, -0.1, 0.3 + 0.1034), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"grasp": [0.1, 0.2, 0.3, 0, 180, 0]}, "longer than a whole turn; radians are wanted"),
+        ({"grasp": [0.1, 0.2, 0.3]}, r"grasps\[0\]\.grasp is not \[x, y, z, rx, ry, rz\]"),
+        ({"width": -1}, "width"),
+    ],
+)
+def test_poses_of_universal_robots_that_are_none(tmp_path: Path, change: dict[str, object], message: str):
+    ur.write(tmp_path / "a.json", [GRASP], GRIPPERS[0], "tcp")
+    content = json.loads((tmp_path / "a.json").read_text())
+    content["grasps"][0] |= change
+    (tmp_path / "a.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match=message):
+        ur.read(tmp_path / "a.json", GRIPPERS[0])
+
+
+def test_the_way_of_the_hand_is_the_same_wherever_the_world_lies(tmp_path: Path):
+    """From above and from the side, in a world whose z is not up: through grasps.json and every export."""
+    world = from_quaternion([0.3, -0.5, 0.2, 0.7], (2, -1, 0.5))
+    side = Grasp(rigid([[0, 0, 1], [1, 0, 0], [0, 1, 0]], (0.15, 0.1, 0.1)), 0.05, 0.9)
+    above = Grasp(rigid(np.diag([1.0, -1.0, -1.0]), (0.1, 0.1, 0.1)), 0.05, 0.8)
+    for grasp in (side, above):
+        np.testing.assert_allclose(grasp.retreat[:3, 3] - grasp.position, (0, 0, 0.1), atol=1e-12)
+        np.testing.assert_allclose(grasp.position - grasp.pregrasp[:3, 3], 0.05 * grasp.approach, atol=1e-12)
+    file = tmp_path / "grasps.json"
+    write_grasps(file, [side.moved(world), above.moved(world)], {"gripper": "panda"})
+    written = json.loads(file.read_text())
+    np.testing.assert_allclose(written["up"], world[:3, 2], atol=1e-9)
+    found = read_grasp_list(file)
+    assert found.knows_up
+    for here, there, entry in zip((side, above), found.grasps, written["grasps"], strict=True):
+        np.testing.assert_allclose(there.retreat, world @ here.retreat, atol=1e-9)
+        np.testing.assert_allclose(there.pregrasp, world @ here.pregrasp, atol=1e-9)
+        np.testing.assert_allclose(entry["retreat_position"], there.retreat[:3, 3], atol=1e-9)
+        np.testing.assert_allclose(entry["pregrasp_position"], there.pregrasp[:3, 3], atol=1e-9)
+    assert cli.main(["export", str(file), "--format", "ur"]) == 0
+    exported = json.loads((tmp_path / "grasps_ur.json").read_text())["grasps"]
+    for here, entry in zip((side, above), exported, strict=True):
+        np.testing.assert_allclose(ur.pose_of(entry["retreat"]), world @ here.retreat, atol=1e-9)
+
+
+def test_an_older_prediction_does_not_say_which_way_is_up(tmp_path: Path, caplog: pytest.LogCaptureFixture):
+    file = tmp_path / "grasps.json"
+    write_grasps(file, [GRASP], {"gripper": "panda"})
+    content = json.loads(file.read_text())
+    del content["up"]
+    file.write_text(json.dumps(content))
+    for name, is_told in (("ros", True), ("ur", True), ("vgn", False)):
+        caplog.clear()
+        assert cli.main(["export", str(file), "--format", name]) == 0
+        assert ("does not say which way is up" in caplog.text) is is_told
+    file.write_text(json.dumps({**content, "up": [0, 0, 2]}))
+    assert cli.main(["export", str(file)]) == 2
 
 
 def test_the_arm_s_last_link_stands_as_franka_mounts_the_hand_on_it():
@@ -133,7 +209,7 @@ def test_the_arm_s_last_link_stands_as_franka_mounts_the_hand_on_it():
 @pytest.fixture
 def grasps_json(tmp_path: Path) -> Path:
     found = [GRASP, Grasp(GRASP.pose, 0.03, 0.95)]
-    write_grasps(tmp_path / "grasps.json", found, origin={"gripper": "panda"})
+    write_grasps(tmp_path / "grasps.json", found, {"gripper": "panda"})
     return tmp_path / "grasps.json"
 
 
@@ -181,7 +257,7 @@ def test_a_mistake_ends_with_2(
 def test_grasps_of_an_unknown_gripper_are_not_guessed_at(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     file = tmp_path / "grasps.json"
     for origin, message in (({}, "names no gripper"), ({"gripper": "hook"}, "'hook', which is not bundled")):
-        write_grasps(file, [GRASP], origin=origin)
+        write_grasps(file, [GRASP], origin)
         assert cli.main(["export", str(file), "--format", "vgn"]) == 2
         assert message in capsys.readouterr().err
     assert cli.main(["export", str(file), "--format", "vgn", "--gripper", "robotiq_2f85"]) == 0

@@ -13,14 +13,15 @@ from PIL import Image as Picture
 
 from neugrasp import cli
 from neugrasp.data.records import Record, write_record
-from neugrasp.detection.detector import Detection, NeuGraspDetector
+from neugrasp.detection.contract import Detection
+from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
 from neugrasp.figures import features, priors, trajectory
 from neugrasp.figures.features import feature_maps, paint, sample
 from neugrasp.figures.priors import itself, one_colour, replace_backgrounds, variants
 from neugrasp.figures.subject import Subject, open_subject
 from neugrasp.figures.trajectory import hand_stages, trajectory_figure
-from neugrasp.grasp import Grasp
+from neugrasp.grasp import Grasp, Grasps
 from neugrasp.gripper import Gripper
 from neugrasp.model.checkpoint import save_checkpoint
 from neugrasp.model.network import NeuGrasp
@@ -128,7 +129,7 @@ def test_every_kind_has_its_colour():
 def test_the_background_is_taken_away_and_nothing_else(subject: Subject):
     for change in (itself, one_colour):
         for view, old in zip(
-            replace_backgrounds(subject.views, change).views, subject.views.views, strict=True
+            replace_backgrounds(subject.views, change).frames, subject.views.frames, strict=True
         ):
             np.testing.assert_array_equal(view.image, old.image)
             assert view.camera is old.camera
@@ -166,9 +167,9 @@ def workspace_grasp() -> Grasp:
 
 def test_a_scene_without_grasps_and_one_with_are_drawn(subject: Subject, workspace_grasp: Grasp):
     assert subject.truth is not None
-    none = Detection((), subject.truth.tsdf, {"off_the_surface": 64000}, 0.1, {})
-    one = replace(none, grasps=(workspace_grasp,))
-    gripper = Gripper.load("panda")
+    gripper, workspace = Gripper.load("panda"), subject.views.workspace
+    none = Detection(Grasps.of(()), workspace, gripper, subject.truth.tsdf, {"off_the_surface": 64000}, 0.1)
+    one = replace(none, grasps=Grasps.of([workspace_grasp]))
     empty, full = (trajectory_figure(subject, detection, gripper) for detection in (none, one))
     assert empty.shape == full.shape
     height, width = empty.shape[:2]

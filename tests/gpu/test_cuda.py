@@ -12,13 +12,14 @@ import torch
 from ball_record import ball_record
 from neugrasp.data.records import write_record
 from neugrasp.data.scene_folder import read_scene
-from neugrasp.demo import demo_scenes
+from neugrasp.demo.bundled import demo_scenes
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.model.network import NeuGrasp
+from neugrasp.training.command import Train
 from neugrasp.training.dataset import Batch, RecordFolder, Scenes, Steps
 from neugrasp.training.module import TrainingModule
 from neugrasp.training.recipes import RECIPES, recipe
-from neugrasp.training.trainer import TrainRun, train
+from neugrasp.training.trainer import train
 
 pytestmark = pytest.mark.gpu
 
@@ -87,6 +88,6 @@ def test_a_run_with_both_stages_learns_and_resumes(data: Path, tmp_path: Path, m
         head_batch=2, batch=2, steps=6, rays=48, checkpoint_every=2, validate_every=3, validation_scenes=1,
     )  # fmt: skip
     monkeypatch.setitem(RECIPES, "short", lambda: config)
-    run = TrainRun(recipe="short", data=(data,), validation=(data,), out=tmp_path / "out", device="cuda")
+    run = Train(recipe="short", data=(data,), validation=(data,), out=tmp_path / "out", device="cuda")
     train(run, stop_after=4)
     assert train(replace(run, resume=True)).is_file()

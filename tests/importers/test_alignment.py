@@ -14,7 +14,7 @@ from foreign_formats import Similarity
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, from_quaternion, look_at, rigid, rotation_about
 from neugrasp.importers.alignment import align, read_alignment
-from neugrasp.views import Views
+from neugrasp.observation import Views
 
 quaternions = st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: float(np.linalg.norm(q)) > 0.1)
 shifts = st.tuples(*[st.floats(-5, 5)] * 3)

@@ -20,7 +20,7 @@ from neugrasp.geometry.pose import Array, inverse, rigid, rotation_about
 from neugrasp.importers.board import Board, Tag, Tags
 from neugrasp.importers.board_file import read_board
 from neugrasp.importers.lens import Lens
-from neugrasp.views import View, Views
+from neugrasp.observation import View, Views
 
 pytest.importorskip("cv2")
 
@@ -66,7 +66,7 @@ def apart(one: Array, other: Array) -> tuple[float, float]:
 
 def views_of(photos: Sequence[np.ndarray], cameras: Sequence[Camera], board: Board) -> Views:
     """Scenes in which nothing stands on the table."""
-    views = [View(photo, photo, camera) for photo, camera in zip(photos, cameras, strict=True)]
+    views = [View(camera, photo, photo) for photo, camera in zip(photos, cameras, strict=True)]
     return Views(tuple(views), board.workspace())
 
 
@@ -161,7 +161,7 @@ def test_photos_with_a_board_become_a_scene(
     assert cli.main(["import", "board", str(tmp_path / "capture"), "--out", str(tmp_path / "scene")]) == 0
     scene = read_scene(tmp_path / "scene")
     np.testing.assert_allclose(scene.workspace.to_world(scene.workspace.centre), (0.126, 0.35, 0), atol=1e-9)
-    for view, camera, photo in zip(scene.views, cameras, photos, strict=True):
+    for view, camera, photo in zip(scene.frames, cameras, photos, strict=True):
         assert np.array_equal(view.background, photo)
         millimetres, degrees = apart(view.camera.world_from_camera, camera.world_from_camera)
         assert millimetres < 1
@@ -177,7 +177,7 @@ def test_a_background_from_beside_is_warped_along_the_table(
     write_capture(tmp_path / "capture", photos[:1], [photo_of_table(board, aside)])
     write_camera(tmp_path / "capture", camera)
     assert cli.main(["import", "board", str(tmp_path / "capture"), "--out", str(tmp_path / "scene")]) == 0
-    (view,) = read_scene(tmp_path / "scene").views
+    (view,) = read_scene(tmp_path / "scene").frames
     assert view.camera.sensed is not None
     left, top, right, bottom = (round(edge + 0.5) for edge in view.camera.sensed)
     seen = np.s_[top:bottom, left:right]
@@ -194,7 +194,7 @@ def test_a_reconstruction_gets_its_scale_from_the_board(
     model = write_colmap(tmp_path / "capture", views, ARBITRARY, is_binary=True)
     arguments = ["import", "colmap", str(model), "--board", "default", "--out", str(tmp_path / "scene")]
     assert cli.main(arguments) == 0
-    for view, camera in zip(read_scene(tmp_path / "scene").views, cameras, strict=True):
+    for view, camera in zip(read_scene(tmp_path / "scene").frames, cameras, strict=True):
         millimetres, degrees = apart(view.camera.world_from_camera, camera.world_from_camera)
         assert millimetres < 1
         assert degrees < 0.1
@@ -213,7 +213,7 @@ def test_a_robot_keeps_its_base_and_finds_the_cube_by_the_board(
     millimetres, degrees = apart(scene.workspace.world_from_workspace, expected)
     assert millimetres < 1
     assert degrees < 0.1
-    for view, camera in zip(scene.views, moved, strict=True):
+    for view, camera in zip(scene.frames, moved, strict=True):
         np.testing.assert_allclose(view.camera.world_from_camera, camera.world_from_camera, atol=1e-9)
 
 

@@ -12,7 +12,7 @@ import pytest
 from foreign_formats import Similarity, write_colmap
 from neugrasp.errors import InputError
 from neugrasp.importers.colmap import read_model
-from neugrasp.views import Views
+from neugrasp.observation import Views
 
 IMAGES = "# Image list\n1 1 0 0 0 0.1 0.2 0.3 7 a folder/first photo.png\n\n"
 

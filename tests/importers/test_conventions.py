@@ -24,7 +24,7 @@ from neugrasp import cli
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array, inverse, look_at, rigid, to_quaternion
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.views import View, Views
+from neugrasp.observation import View, Views
 
 LINK_FROM_OPTICAL = rigid([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 
@@ -49,7 +49,7 @@ def views() -> Views:
         eye = workspace.centre + 0.5 * np.array([0.53 * np.cos(angle), 0.53 * np.sin(angle), 0.85])
         camera = Camera(intrinsics, look_at(eye, (0.15, 0.15, 0.05)), 160, 120)
         pixels = photo(camera, workspace.table_height)
-        taken.append(View(pixels, pixels, camera))
+        taken.append(View(camera, pixels, pixels))
     return Views(tuple(taken), workspace)
 
 
@@ -123,7 +123,7 @@ def test_conventions_of_colmap(
     change, quaternion, words = IMAGES[mistake]
     model = write_colmap(tmp_path / "a", views, Similarity(), is_binary=False)
     lines = []
-    for i, view in enumerate(views.views):
+    for i, view in enumerate(views.frames):
         pose = change(inverse(view.camera.world_from_camera))
         x, y, z, w = quaternion(pose)
         lines += [f"{i + 1} {w} {x} {y} {z} {' '.join(map(str, pose[:3, 3]))} {i + 1} view_{i}.png", ""]
@@ -190,7 +190,7 @@ def test_an_eye_beside_the_robot_is_called_so(
     views: Views, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     """It takes the same photo wherever the arm is."""
-    first = views.views[0]
+    first = views.frames[0]
     file = write_robot(tmp_path / "a", views)
     for i in range(4):
         for kind in ("images", "backgrounds"):
@@ -202,7 +202,7 @@ def test_an_eye_beside_the_robot_is_called_so(
 
 def test_a_table_without_a_pattern_accuses_nobody(views: Views, tmp_path: Path):
     grey = np.full((120, 160, 3), 127, dtype=np.uint8)
-    plain = Views(tuple(View(grey, grey, view.camera) for view in views.views), views.workspace)
+    plain = Views(tuple(View(view.camera, grey, grey) for view in views.frames), views.workspace)
 
     def edit(data: dict[str, Any]) -> None:
         for entry in data["views"]:

@@ -26,7 +26,7 @@ from neugrasp.errors import InputError
 from neugrasp.geometry.pose import rigid, rotation_about
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.importers.robot_poses import read_robot
-from neugrasp.views import Views
+from neugrasp.observation import Views
 
 Write = Callable[[Path, Views], list[str]]
 
@@ -56,12 +56,22 @@ def robot_csv(folder: Path, views: Views) -> list[str]:
     return ["robot", str(source), "--alignment", str(Similarity().write(folder / "alignment.json", views))]
 
 
+def ur(folder: Path, views: Views) -> list[str]:
+    source = write_robot(folder, views, is_ur=True)
+    return ["robot", str(source), "--alignment", str(Similarity().write(folder / "alignment.json", views))]
+
+
+def ur_csv(folder: Path, views: Views) -> list[str]:
+    source = write_robot(folder, views, is_ur=True, is_csv=True)
+    return ["robot", str(source), "--alignment", str(Similarity().write(folder / "alignment.json", views))]
+
+
 @pytest.fixture
 def elsewhere(small_views: Views) -> Views:
     """Four views of one lens in a world whose cube is turned and far from the origin."""
     place = rigid(rotation_about((0, 0, 1), 0.6), (1.0, -2.0, 0.3))
     views = []
-    for view in small_views.views:
+    for view in small_views.frames:
         camera = replace(view.camera.moved(place), sensed=None)
         views.append(replace(view, camera=camera))
     return Views(tuple(views), Workspace(world_from_workspace=place))
@@ -72,7 +82,7 @@ def same(one: Views, other: Views) -> None:
         one.workspace.world_from_workspace, other.workspace.world_from_workspace, atol=1e-12
     )
     assert len(one) == len(other)
-    for mine, yours in zip(one.views, other.views, strict=True):
+    for mine, yours in zip(one.frames, other.frames, strict=True):
         assert np.array_equal(mine.image, yours.image)
         assert np.array_equal(mine.background, yours.background)
         np.testing.assert_allclose(mine.camera.intrinsics, yours.camera.intrinsics, atol=1e-9)
@@ -80,7 +90,7 @@ def same(one: Views, other: Views) -> None:
         assert mine.camera.sensed == yours.camera.sensed
 
 
-@pytest.mark.parametrize("write", [nerfstudio, colmap_text, colmap_binary, robot, robot_csv])
+@pytest.mark.parametrize("write", [nerfstudio, colmap_text, colmap_binary, robot, robot_csv, ur, ur_csv])
 def test_a_scene_comes_back_from_every_format(
     write: Write, elsewhere: Views, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
@@ -99,7 +109,7 @@ def test_a_scene_comes_back_from_every_format(
 @pytest.mark.timeout(600)
 def test_grasps_are_those_of_the_original(tmp_path: Path):
     """The promise of the importers: the same grasps within 1e-4, in the same world."""
-    from neugrasp.demo import demo_scenes
+    from neugrasp.demo.bundled import demo_scenes
     from neugrasp.detection.detector import NeuGraspDetector
 
     detector = NeuGraspDetector.load("neugrasp")
@@ -122,8 +132,8 @@ def test_photos_are_chosen_by_name_and_kept_in_that_order(elsewhere: Views, tmp_
     arguments = nerfstudio(tmp_path / "foreign", elsewhere)
     chosen = ["--views", "view_2", "view_0.png"]
     assert cli.main(["import", *arguments, *chosen, "--out", str(tmp_path / "scene")]) == 0
-    views = (elsewhere.views[2], elsewhere.views[0])
-    same(read_scene(tmp_path / "scene"), replace(elsewhere, views=views))
+    views = (elsewhere.frames[2], elsewhere.frames[0])
+    same(read_scene(tmp_path / "scene"), replace(elsewhere, frames=views))
 
 
 def test_only_photos_with_a_background_are_used(elsewhere: Views, tmp_path: Path):
@@ -137,7 +147,7 @@ def test_only_photos_with_a_background_are_used(elsewhere: Views, tmp_path: Path
     (backgrounds / "view_1.png").unlink()
     more = ["--backgrounds", str(backgrounds), "--out", str(tmp_path / "scene")]
     assert cli.main(["import", *arguments, *more]) == 0
-    same(read_scene(tmp_path / "scene"), replace(elsewhere, views=elsewhere.views[1:3]))
+    same(read_scene(tmp_path / "scene"), replace(elsewhere, frames=elsewhere.frames[1:3]))
 
 
 def broken(kind: str, folder: Path, views: Views) -> list[str]:
@@ -235,7 +245,7 @@ def test_the_size_of_photos_is_found_where_the_file_does_not_say(elsewhere: View
     arguments = nerfstudio(tmp_path / "foreign", elsewhere)
     file = tmp_path / "foreign/transforms.json"
     data = json.loads(file.read_text())
-    camera = elsewhere.views[0].camera
+    camera = elsewhere.frames[0].camera
     data["camera_angle_x"] = 2 * np.arctan(camera.width / 2 / camera.intrinsics[0, 0])
     for frame in data["frames"]:
         frame["file_path"] = frame["file_path"].removesuffix(".png")
@@ -265,8 +275,8 @@ def test_a_background_without_a_pose_is_told(
     elsewhere: Views, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ):
     arguments = nerfstudio(tmp_path / "foreign", elsewhere)
-    views = tuple(elsewhere.views[i % 4] for i in range(5))
-    write_photos(tmp_path / "foreign", replace(elsewhere, views=views))
+    views = tuple(elsewhere.frames[i % 4] for i in range(5))
+    write_photos(tmp_path / "foreign", replace(elsewhere, frames=views))
     assert cli.main(["import", *arguments, "--out", str(tmp_path / "scene")]) == 0
     assert "no pose is known for view_4.png" in caplog.text
 
@@ -281,7 +291,7 @@ def test_only_the_cameras_of_chosen_photos_are_judged(elsewhere: Views, tmp_path
     file.write_text(json.dumps(data))
     chosen = ["--views", "view_1", "view_3"]
     assert cli.main(["import", *arguments, *chosen, "--out", str(tmp_path / "scene")]) == 0
-    same(read_scene(tmp_path / "scene"), replace(elsewhere, views=elsewhere.views[1::2]))
+    same(read_scene(tmp_path / "scene"), replace(elsewhere, frames=elsewhere.frames[1::2]))
 
 
 @pytest.mark.parametrize(
@@ -346,6 +356,23 @@ def test_an_orientation_tag_is_told_at_import(
     assert cli.main(["import", *arguments, "--out", str(tmp_path / "scene")]) == 0
     assert "view_2.png: EXIF orientation: the photo is stored turned by" in caplog.text
     assert "view_1.png: EXIF" not in caplog.text
+    same(read_scene(tmp_path / "scene"), elsewhere)
+
+
+@pytest.mark.parametrize(("factor", "is_told"), [(2, True), (0.5, True), (1.1, False)])
+def test_another_focal_length_is_told_at_import(
+    elsewhere: Views, tmp_path: Path, caplog: pytest.LogCaptureFixture, factor: float, is_told: bool
+):
+    arguments = nerfstudio(tmp_path / "foreign", elsewhere)
+    camera = elsewhere.frames[2].camera
+    film = camera.intrinsics[0, 0] * np.hypot(36, 24) / np.hypot(camera.width, camera.height)
+    file = tmp_path / "foreign/images/view_2.png"
+    with Picture.open(file) as picture:
+        tags = picture.getexif()
+        tags[0x8769] = {0xA405: round(factor * film)}
+        picture.save(file, exif=tags)
+    assert cli.main(["import", *arguments, "--out", str(tmp_path / "scene")]) == 0
+    assert ("view_2.png: EXIF focal length" in caplog.text) is is_told
     same(read_scene(tmp_path / "scene"), elsewhere)
 
 

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from foreign_formats import Similarity, write_colmap, write_nerfstudio, write_robot
 from mutations import as_json, spoilt, spoilt_bytes, spoilt_text
 from neugrasp.data.scene_folder import read_scene, write_scene
-from neugrasp.data.user_files import read_object
+from neugrasp.data.strict_json import read_object
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import look_at
@@ -30,7 +30,7 @@ from neugrasp.importers.nerfstudio import check_motion, read_transforms
 from neugrasp.importers.photos import Pair
 from neugrasp.importers.robot_poses import camera_of, read_robot
 from neugrasp.importers.shots import Listed
-from neugrasp.views import View, Views
+from neugrasp.observation import View, Views
 
 FEW, MANY = 100, 2000
 BOARDS = [
@@ -76,7 +76,7 @@ def small_scene() -> Views:
     photo = np.zeros((32, 32, 3), dtype=np.uint8)
     intrinsics = np.array([[30.0, 0, 16], [0, 30, 16], [0, 0, 1]])
     poses = [look_at((x, -0.2, 0.5), (0.15, 0.15, 0.05)) for x in (0.1, 0.2)]
-    return Views(tuple(View(photo, photo, Camera(intrinsics, pose, 32, 32)) for pose in poses), Workspace())
+    return Views(tuple(View(Camera(intrinsics, pose, 32, 32), photo, photo) for pose in poses), Workspace())
 
 
 def read_all(listed: list[Listed], file: Path) -> None:
@@ -92,7 +92,7 @@ def transforms(file: Path) -> None:
 
 
 def camera(file: Path) -> None:
-    camera_of(read_object(file), file)
+    camera_of(read_object(file, "a camera"), file)
 
 
 def board(file: Path) -> None:

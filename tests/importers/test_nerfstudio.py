@@ -13,7 +13,7 @@ import pytest
 from foreign_formats import OPENGL, Similarity, write_nerfstudio
 from neugrasp.errors import InputError
 from neugrasp.importers.nerfstudio import check_motion, read_transforms
-from neugrasp.views import Views
+from neugrasp.observation import Views
 
 
 @pytest.fixture
@@ -67,7 +67,7 @@ def test_what_leaves_the_poses_alone_passes(
     with caplog.at_level(logging.WARNING):
         changed(file, **more)
         check_motion(file, has_scale=False, has_place=False)
-        for shot, view in zip(read(file), small_views.views, strict=True):
+        for shot, view in zip(read(file), small_views.frames, strict=True):
             np.testing.assert_allclose(shot.world_from_camera, view.camera.world_from_camera, atol=1e-12)
     assert not caplog.text
 

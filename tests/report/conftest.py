@@ -16,6 +16,6 @@ from neugrasp.data.scene_folder import write_scene
 def bad_and_good(make_record: Callable, tmp_path: Path) -> tuple[Path, Path]:
     views = make_record(size=256).views()
     write_scene(tmp_path / "good", views)
-    shifted = replace(views.views[1], background=np.roll(views.views[1].background, 4, axis=1))
-    write_scene(tmp_path / "bad", replace(views, views=(views.views[0], shifted, *views.views[2:])))
+    shifted = replace(views.frames[1], background=np.roll(views.frames[1].background, 4, axis=1))
+    write_scene(tmp_path / "bad", replace(views, frames=(views.frames[0], shifted, *views.frames[2:])))
     return tmp_path / "bad", tmp_path / "good"

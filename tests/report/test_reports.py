@@ -11,16 +11,17 @@ import numpy as np
 import pytest
 
 from neugrasp import cli
-from neugrasp.detection.detector import Detection, NeuGraspDetector
+from neugrasp.detection.contract import Detection
+from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.detection.explanation import explain
 from neugrasp.doctor.capture import Capture
 from neugrasp.doctor.examination import examine
 from neugrasp.doctor.report import report
 from neugrasp.geometry.pose import rigid
-from neugrasp.grasp import Grasp
+from neugrasp.grasp import Grasp, Grasps
 from neugrasp.gripper import Gripper
+from neugrasp.observation import Views
 from neugrasp.report.prediction import prediction_report
-from neugrasp.views import Views
 
 VOID = {"meta", "img", "br", "link"}
 DOWN = rigid(np.diag([1.0, -1.0, -1.0]), (0.15, 0.15, 0.09))
@@ -67,7 +68,9 @@ def detection(views: Views, grasps: tuple[Grasp, ...], tsdf: np.ndarray) -> Dete
         "too_wide_for_the_gripper": 266,
         "not_the_best_nearby": 0,
     }
-    return Detection(grasps, tsdf, rejected, 0.83, {"images": 0.5, "reconstruct": 2.0}, 0.9)
+    seconds = {"images": 0.5, "reconstruct": 2.0}
+    gripper = Gripper.load("panda")
+    return Detection(Grasps.of(grasps), views.workspace, gripper, tsdf, rejected, 0.83, 0.9, seconds)
 
 
 def test_no_grasps_are_explained(views: Views):
@@ -93,9 +96,9 @@ def test_the_report_of_a_prediction_holds_everything(
     grid = ball_on_table((0.15, 0.15, 0.08), 0.03)
     grasps = tuple(Grasp(DOWN, 0.06, 0.99 - 0.001 * i) for i in range(count))
     diagnosis = examine(Capture.of(views))
-    page = prediction_report("ball", views, detection(views, grasps, grid), Gripper.load("panda"), diagnosis)
+    page = prediction_report("ball", views, detection(views, grasps, grid), diagnosis)
     reader = read(page)
-    assert len(reader.loaded) == 2 * len(views) + 1
+    assert len(reader.loaded) == 2 * len(views) + 2  # a slice and the legend, too
     for words in ("61,220", "below 0.9 (best 0.83)", "too wide for the gripper", "reconstruct", "2.50"):
         assert words in page
     assert ("10 more in grasps.json" in page) == (count == 40)
@@ -104,7 +107,7 @@ def test_the_report_of_a_prediction_holds_everything(
 
 def test_a_prediction_without_any_surface_still_has_a_report(views: Views):
     empty = detection(views, (), np.ones((40, 40, 40), dtype=np.float32))
-    read(prediction_report("x", views, empty, Gripper.load("panda"), examine(Capture.of(views))))
+    read(prediction_report("x", views, empty, examine(Capture.of(views))))
 
 
 class Found:

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import textwrap
 import time
-from dataclasses import fields, replace
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from types import ModuleType
@@ -22,13 +22,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from neugrasp.cli import Generate
 from neugrasp.data.npz import npz_arrays, npz_bytes
 from neugrasp.data.records import TRUTH_ARRAYS, read_record
 from neugrasp.data.shards import pack
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.simulation import generate as generation
-from neugrasp.simulation.generate import GenerateConfig, generate
+from neugrasp.simulation.command import Generate
+from neugrasp.simulation.generate import generate
 from neugrasp.simulation.meshes import write_obj
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.renderer import RenderSettings
@@ -53,8 +53,8 @@ def photographers(_cache: object) -> ModuleType:
     return importlib.import_module("noise_photographer")
 
 
-def small(out: Path, **changes: object) -> GenerateConfig:
-    config = GenerateConfig(
+def small(out: Path, **changes: object) -> Generate:
+    config = Generate(
         scene="packed",
         num=3,
         out=out,
@@ -200,8 +200,8 @@ SCRIPT = """
     from pathlib import Path
     sys.path.insert(0, {here!r})
     from noise_photographer import SlowPhotographer
-    from neugrasp.simulation.generate import GenerateConfig, generate
-from neugrasp.simulation.meshes import write_obj
+    from neugrasp.simulation.command import Generate
+    from neugrasp.simulation.generate import generate
     if __name__ == "__main__":
         generate({config!r}, SlowPhotographer)
 """
@@ -256,7 +256,7 @@ BRICK = """<robot name="brick"><link name="base">
 <collision><geometry><mesh filename="brick.obj"/></geometry></collision></link></robot>"""
 
 
-def own(tmp_path: Path, own_files: dict[str, Path], **changes: Any) -> GenerateConfig:
+def own(tmp_path: Path, own_files: dict[str, Path], **changes: Any) -> Generate:
     files = {"gripper": str(own_files["gripper"]), "objects": own_files["objects"], "object_sets": ()}
     return small(tmp_path / "out", **{"photos": False, "num": 1, **files, **changes})
 
@@ -374,13 +374,6 @@ def test_samples_reach_the_renderer(
     assert asked == [8, 4]
     described = [json.loads((tmp_path / name / "dataset.json").read_text()) for name in ("many", "usual")]
     assert [one["samples"] for one in described] == [8, 4]
-
-
-def test_the_program_and_the_library_have_the_same_defaults(tmp_path: Path) -> None:
-    program, library = Generate(out=tmp_path), GenerateConfig(scene="packed", num=1, out=tmp_path)
-    both = {field.name for field in fields(Generate)} & {field.name for field in fields(GenerateConfig)}
-    for name in both - {"out", "scene", "num"}:
-        assert getattr(program, name) == getattr(library, name), name
 
 
 def test_two_runs_do_not_write_into_one_folder(tmp_path: Path, photographers: ModuleType) -> None:

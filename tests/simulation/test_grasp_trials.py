@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from neugrasp.data.trials import State, Trials
+from neugrasp.execution import AT_PREGRASP, REASONS, SUCCESS
 from neugrasp.geometry.pose import from_quaternion
 from neugrasp.grasp import Grasp
 from neugrasp.simulation.grasp_trials import (
@@ -22,7 +23,7 @@ from neugrasp.simulation.mesh_distance import mesh_distance
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.scene import Body, Scene
 from neugrasp.simulation.series import execute_each
-from neugrasp.simulation.trials import AT_PREGRASP, REASONS, SUCCESS, execute
+from neugrasp.simulation.trials import execute
 
 TABLE = 0.05
 FEW = TrialSettings(points=12, removed=(0, 1, 2), yaws=3)

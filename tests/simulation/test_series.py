@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from neugrasp.errors import InputError
+from neugrasp.execution import AT_PREGRASP, NOTHING_HELD, ON_APPROACH, SUCCESS
 from neugrasp.geometry.pose import Array, rigid, rotation_about
 from neugrasp.grasp import Grasp
 from neugrasp.simulation.labels import at_tcp, candidates, grasp_poses
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.scene import Body, Scene
 from neugrasp.simulation.series import execute_each
-from neugrasp.simulation.trials import AT_PREGRASP, NOTHING_HELD, ON_APPROACH, SUCCESS, Trial, execute
+from neugrasp.simulation.trials import Trial, execute
 
 Toy = Callable[..., Body]
 Lay = Callable[..., Scene]

@@ -8,19 +8,13 @@ import numpy as np
 import pytest
 
 from neugrasp.errors import InputError
+from neugrasp.execution import AT_PREGRASP, NOTHING_HELD, ON_APPROACH, SLIPPED, SUCCESS
 from neugrasp.geometry.pose import from_quaternion, rigid, rotation_about
 from neugrasp.grasp import Grasp
 from neugrasp.simulation.labels import facing, label, middle_of_widest_run
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.scene import Body, Scene
-from neugrasp.simulation.trials import (
-    AT_PREGRASP,
-    NOTHING_HELD,
-    ON_APPROACH,
-    SLIPPED,
-    SUCCESS,
-    execute,
-)
+from neugrasp.simulation.trials import execute
 
 Toy = Callable[..., Body]
 Lay = Callable[..., Scene]

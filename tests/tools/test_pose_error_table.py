@@ -11,7 +11,7 @@ import pytest
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import inverse, look_at
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.views import View, Views
+from neugrasp.observation import View, Views
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
@@ -23,12 +23,12 @@ def views() -> Views:
     photo = np.zeros((48, 64, 3), dtype=np.uint8)
     intrinsics = np.array([[60.0, 0, 31.5], [0, 60, 23.5], [0, 0, 1]])
     camera = Camera(intrinsics, look_at((0.3, 0, 0.5), Workspace().centre), 64, 48)
-    return Views((View(photo, photo, camera),), Workspace())
+    return Views((View(camera, photo, photo),), Workspace())
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=lambda error: error.name)
 def test_an_error_is_as_large_as_its_name_says(views: Views, error: Error, rng: np.random.Generator):
-    (true,), (told,) = views.views, error.applied(views, rng).views
+    (true,), (told,) = views.frames, error.applied(views, rng).frames
     wrong = inverse(true.camera.world_from_camera) @ told.camera.world_from_camera
     angle = np.rad2deg(np.arccos(np.clip((np.trace(wrong[:3, :3]) - 1) / 2, -1, 1)))
     assert angle == pytest.approx(error.deg, abs=1e-5)

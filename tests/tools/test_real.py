@@ -17,8 +17,8 @@ from neugrasp.geometry.pose import look_at, rigid
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
+from neugrasp.observation import View, Views
 from neugrasp.simulation.meshes import Mesh, write_obj
-from neugrasp.views import View, Views
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
@@ -55,7 +55,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     middle = WORLD_FROM_WORKSPACE[:3, 3] + Workspace().centre
     camera = Camera(intrinsics, look_at(middle + np.array([0.2, 0, 0.4]), middle), 64, 48)
     workspace = Workspace(world_from_workspace=WORLD_FROM_WORKSPACE)
-    write_scene(folder / "one", Views((View(grey, grey, camera),), workspace))
+    write_scene(folder / "one", Views((View(camera, grey, grey),), workspace))
     pose = WORLD_FROM_WORKSPACE @ rigid(translation=PLACE)
     truth = {"objects": [{"id": "can", "world_from_object": pose.tolist()}]}
     (folder / "one/ground_truth.json").write_text(json.dumps(truth))

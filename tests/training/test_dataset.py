@@ -9,8 +9,9 @@ import numpy as np
 from neugrasp.data.records import write_record
 from neugrasp.data.shards import Shards, pack
 from neugrasp.data.trials import State
+from neugrasp.execution import SLIPPED
 from neugrasp.simulation.grasp_trials import as_trials
-from neugrasp.simulation.trials import SLIPPED, Trial
+from neugrasp.simulation.trials import Trial
 from neugrasp.training.dataset import read_records
 
 

@@ -13,9 +13,10 @@ from safetensors.torch import load_file
 from torch import multiprocessing
 
 from neugrasp.data.records import write_record
+from neugrasp.training.command import Train
 from neugrasp.training.config import TrainConfig
 from neugrasp.training.recipes import RECIPES, geometry, tiny
-from neugrasp.training.trainer import TrainRun, train
+from neugrasp.training.trainer import train
 
 pytestmark = pytest.mark.slow
 
@@ -28,7 +29,7 @@ def recipe(batch: int) -> TrainConfig:
     )  # fmt: skip
 
 
-def rank(number: int, port: int, run: TrainRun, stop_after: int | None) -> None:
+def rank(number: int, port: int, run: Train, stop_after: int | None) -> None:
     """One of two processes, as torchrun would start it."""
     os.environ |= {
         "RANK": str(number), "LOCAL_RANK": str(number), "WORLD_SIZE": "2",
@@ -39,7 +40,7 @@ def rank(number: int, port: int, run: TrainRun, stop_after: int | None) -> None:
     train(run, stop_after=stop_after)
 
 
-def together(run: TrainRun, stop_after: int | None = None) -> dict[str, torch.Tensor]:
+def together(run: Train, stop_after: int | None = None) -> dict[str, torch.Tensor]:
     """The weights of two processes."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -60,7 +61,7 @@ def test_two_processes_learn_what_one_does_at_the_same_batch(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setitem(RECIPES, "alone", lambda: recipe(batch=2))
-    run = TrainRun(recipe="alone", data=(data,), validation=(data,), out=tmp_path / "alone", loaders=0)
+    run = Train(recipe="alone", data=(data,), validation=(data,), out=tmp_path / "alone", loaders=0)
     alone = load_file(train(run))
     shared = replace(run, recipe="shared", out=tmp_path / "shared")
     both = together(shared)

@@ -13,10 +13,11 @@ from safetensors.torch import load_file
 from neugrasp.data.records import write_record
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.network import NeuGrasp
+from neugrasp.training.command import Train
 from neugrasp.training.recipes import RECIPES, tiny
 from neugrasp.training.samples import PreparedView, crop_views, sample_of
 from neugrasp.training.state import Learner
-from neugrasp.training.trainer import TrainRun, train
+from neugrasp.training.trainer import train
 
 
 def test_what_is_shipped_is_the_moving_average(tmp_path: Path, make_record, monkeypatch: pytest.MonkeyPatch):
@@ -24,7 +25,7 @@ def test_what_is_shipped_is_the_moving_average(tmp_path: Path, make_record, monk
     monkeypatch.setitem(RECIPES, "slow", lambda: replace(tiny(), optimiser=optimiser, checkpoint_every=1))
     record = make_record()
     write_record(tmp_path / "data" / "scenes" / record.name, record)
-    run = TrainRun(recipe="slow", data=(tmp_path / "data",), out=tmp_path / "out", steps=6, loaders=0)
+    run = Train(recipe="slow", data=(tmp_path / "data",), out=tmp_path / "out", steps=6, loaders=0)
     shipped, state = load_file(train(run)), load_file(tmp_path / "out" / "state.safetensors")
     for name, weights in shipped.items():
         torch.testing.assert_close(weights, state[f"average.module.{name}"])

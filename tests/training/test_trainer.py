@@ -14,9 +14,11 @@ from safetensors.torch import load_file
 from neugrasp.data import records
 from neugrasp.data.records import write_record
 from neugrasp.errors import InputError
+from neugrasp.long_runs import held
 from neugrasp.model.checkpoint import load_checkpoint
-from neugrasp.training.recipes import RECIPES, recipe
-from neugrasp.training.trainer import TrainRun, configured, train
+from neugrasp.training.command import Train
+from neugrasp.training.recipes import RECIPES, configured, recipe
+from neugrasp.training.trainer import train
 
 GOLDEN = Path(__file__).parent.parent / "golden" / "tiny_losses.json"
 
@@ -46,9 +48,9 @@ def losses_of(out: Path) -> list[float]:
 @pytest.mark.slow
 def test_stopped_and_resumed_equals_never_stopped(data, held_out, tmp_path):
     """Stopped inside the head's stage and inside the joint one, between two checkpoints each time."""
-    whole = TrainRun(recipe="tiny", data=(data,), out=tmp_path / "whole", validation=(held_out,))
+    whole = Train(recipe="tiny", data=(data,), out=tmp_path / "whole", validation=(held_out,))
     weights = train(whole)
-    parts = TrainRun(recipe="tiny", data=(data,), out=tmp_path / "parts", validation=(held_out,), resume=True)
+    parts = Train(recipe="tiny", data=(data,), out=tmp_path / "parts", validation=(held_out,), resume=True)
     for stop in (3, 8, 12):
         same = train(parts, stop_after=stop)
     first, second = load_file(weights), load_file(same)
@@ -75,11 +77,11 @@ def without_photos(tmp_path, make_record) -> Path:
 
 def test_scenes_without_photos_teach_the_head_alone(data, without_photos, tmp_path, monkeypatch):
     monkeypatch.setitem(RECIPES, "tiny-head", lambda: replace(recipe("tiny"), steps=3, head_steps=3))
-    first = train(TrainRun(recipe="tiny-head", data=(without_photos,), out=tmp_path / "head"))
-    both = TrainRun(recipe="tiny", data=(data, without_photos), out=tmp_path / "both", init=str(first))
+    first = train(Train(recipe="tiny-head", data=(without_photos,), out=tmp_path / "head"))
+    both = Train(recipe="tiny", data=(data, without_photos), out=tmp_path / "both", init=str(first))
     assert train(both).is_file()
     with pytest.raises(InputError, match="no scene has photos; recipe tiny needs some"):
-        train(TrainRun(recipe="tiny", data=(without_photos,), out=tmp_path / "tiny"))
+        train(Train(recipe="tiny", data=(without_photos,), out=tmp_path / "tiny"))
 
 
 def test_of_another_network_only_the_head_is_taken(data, without_photos, tmp_path, monkeypatch):
@@ -88,8 +90,8 @@ def test_of_another_network_only_the_head_is_taken(data, without_photos, tmp_pat
     blind = replace(tiny.model, use_backgrounds=False)
     monkeypatch.setitem(RECIPES, "tiny-head", lambda: replace(tiny, steps=3, head_steps=3))
     monkeypatch.setitem(RECIPES, "blind", lambda: replace(tiny, model=blind, optimiser=still))
-    first = train(TrainRun(recipe="tiny-head", data=(without_photos,), out=tmp_path / "head"))
-    run = TrainRun(recipe="blind", data=(data,), out=tmp_path / "blind", init=str(first), steps=1, seed=1)
+    first = train(Train(recipe="tiny-head", data=(without_photos,), out=tmp_path / "head"))
+    run = Train(recipe="blind", data=(data,), out=tmp_path / "blind", init=str(first), steps=1, seed=1)
     taken, given = (load_checkpoint(path).tensors for path in (train(run), first))
     assert load_checkpoint(run.out / "weights.safetensors").about["init"] == first.name
     assert all(taken[name].equal(given[name]) for name in given if name.startswith("head."))
@@ -100,21 +102,37 @@ def test_of_another_network_only_the_head_is_taken(data, without_photos, tmp_pat
     wider = replace(tiny.model, head_channels=(8, 8, 8))
     monkeypatch.setitem(RECIPES, "wider", lambda: replace(tiny, model=wider))
     with pytest.raises(InputError, match="configured differently"):
-        train(TrainRun(recipe="wider", data=(data,), out=tmp_path / "wider", init=str(first)))
+        train(Train(recipe="wider", data=(data,), out=tmp_path / "wider", init=str(first)))
     assert not list((tmp_path / "wider").glob("*.safetensors"))
 
 
 def test_some_of_the_scenes(data, tmp_path):
-    run = TrainRun(recipe="tiny", data=(data,), out=tmp_path / "one", steps=1, scenes=1)
+    run = Train(recipe="tiny", data=(data,), out=tmp_path / "one", steps=1, scenes=1)
     assert load_checkpoint(train(run)).about["scenes"] == 1
     for number in (0, 3):
         with pytest.raises(InputError, match=f"--scenes {number}: --data holds 1 to 2"):
             train(replace(run, out=tmp_path / "other", scenes=number))
 
 
+def test_two_trainings_never_share_a_folder(data, tmp_path):
+    """The second one neither begins nor touches what the first one wrote."""
+    run = Train(recipe="tiny", data=(data,), out=tmp_path / "run", steps=2, validation=(data,))
+    train(run)
+    half_written = run.out / ".state.safetensors.1"
+    half_written.touch()
+    before = {path.name: path.read_bytes() for path in run.out.iterdir() if path.is_file()}
+    with held(run.out, "train"):
+        for resume in (True, False):
+            with pytest.raises(InputError, match="another neugrasp train is writing here; wait for it"):
+                train(replace(run, resume=resume, steps=3))
+    assert {path.name: path.read_bytes() for path in run.out.iterdir() if path.is_file()} == before
+    train(replace(run, resume=True, steps=3))
+    assert not half_written.exists()
+
+
 def test_bfloat16_is_left_where_the_processor_is_slow_at_it(data, tmp_path, monkeypatch):
     monkeypatch.setitem(RECIPES, "reduced", lambda: replace(recipe("tiny"), bfloat16=True))
-    run = TrainRun(recipe="tiny", data=(data,), out=tmp_path / "tiny", steps=2)
+    run = Train(recipe="tiny", data=(data,), out=tmp_path / "tiny", steps=2)
     train(run)
     for capability in ("AVX2", "AVX512"):
         monkeypatch.setattr("torch.backends.cpu.get_cpu_capability", lambda capability=capability: capability)
@@ -124,14 +142,14 @@ def test_bfloat16_is_left_where_the_processor_is_slow_at_it(data, tmp_path, monk
 
 
 def test_an_earlier_run_is_not_overwritten(data, tmp_path):
-    run = TrainRun(recipe="tiny", data=(data,), out=tmp_path / "out", steps=2)
+    run = Train(recipe="tiny", data=(data,), out=tmp_path / "out", steps=2)
     train(run)
     with pytest.raises(InputError, match="--resume"):
         train(run)
 
 
 def test_resuming_with_other_facts_is_refused_and_names_them(data, held_out, tmp_path):
-    run = TrainRun(recipe="tiny", data=(data,), out=tmp_path / "out", steps=2)
+    run = Train(recipe="tiny", data=(data,), out=tmp_path / "out", steps=2)
     train(run)
     for other, named in (
         (replace(run, seed=1), "seed"),
@@ -146,7 +164,7 @@ def test_resuming_with_other_facts_is_refused_and_names_them(data, held_out, tmp
 
 def test_a_run_is_extended(data, tmp_path):
     """The stages and the schedule belong to the longer run; what was learned stays."""
-    run = TrainRun(recipe="tiny", data=(data,), out=tmp_path / "out")
+    run = Train(recipe="tiny", data=(data,), out=tmp_path / "out")
     train(run, stop_after=5)
     before = losses_of(run.out)
     train(replace(run, steps=15, resume=True))
@@ -157,12 +175,12 @@ def test_a_run_is_extended(data, tmp_path):
 def test_a_folder_without_records_is_named(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match="empty: no records"):
-        train(TrainRun(recipe="tiny", data=(tmp_path / "empty",), out=tmp_path / "out"))
+        train(Train(recipe="tiny", data=(tmp_path / "empty",), out=tmp_path / "out"))
 
 
 @pytest.mark.parametrize("name", RECIPES)
 def test_every_recipe_builds_and_keeps_the_balance_of_its_stages(name):
-    config = configured(TrainRun(recipe=name, data=(), out=Path(), steps=1000))
+    config = configured(Train(recipe=name, data=(), out=Path(), steps=1000))
     assert config.steps == 1000
     assert config.head_steps / 1000 == pytest.approx(recipe(name).head_steps / recipe(name).steps, abs=1e-3)
     rates = [config.learning_rate_at(step) for step in range(config.head_steps, 1000)]

@@ -11,15 +11,14 @@ import pytest
 
 from ball_record import ball_record
 from neugrasp.data.scene_folder import read_scene, write_scene
-from neugrasp.detection.detector import Detection
-from neugrasp.export import write_prediction
+from neugrasp.detection.contract import Detection
 from neugrasp.geometry.pose import Array, rigid, rotation_about
-from neugrasp.grasp import Grasp
+from neugrasp.grasp import Grasp, Grasps
 from neugrasp.gripper import Gripper
+from neugrasp.observation import Views
 from neugrasp.viewer.command import Viewer
 from neugrasp.viewer.contents import Contents
 from neugrasp.viewer.opening import open_contents
-from neugrasp.views import Views
 
 BALL = np.array([0.15, 0.15, 0.08])
 RADIUS = 0.03
@@ -39,7 +38,7 @@ class Capture:
 def moved_views(world_from_workspace: Array = WORLD_FROM_WORKSPACE) -> Views:
     """The four photos of the ball with everything moved to another world."""
     views = ball_record(size=128).views()
-    moved = tuple(replace(v, camera=v.camera.moved(world_from_workspace)) for v in views.views)
+    moved = tuple(replace(v, camera=v.camera.moved(world_from_workspace)) for v in views.frames)
     return Views(moved, replace(views.workspace, world_from_workspace=world_from_workspace))
 
 
@@ -63,9 +62,10 @@ def kept_capture(tmp_path_factory: pytest.TempPathFactory, ball_tsdf: np.ndarray
     scene, prediction = folder / "scene", folder / "prediction"
     write_scene(scene, moved_views())
     grasps = tuple(grasp.moved(WORLD_FROM_WORKSPACE) for grasp in ball_grasps())
-    detection = Detection(grasps, ball_tsdf, {}, 0.5, {})
+    views, gripper = read_scene(scene), Gripper.load("panda")
+    detection = Detection(Grasps.of(grasps), views.workspace, gripper, ball_tsdf, source=views.source)
     prediction.mkdir()
-    write_prediction(prediction, read_scene(scene), detection, Gripper.load("panda"))
+    detection.write(prediction, views)
     return Capture(scene, prediction)
 
 

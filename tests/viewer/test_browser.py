@@ -22,7 +22,7 @@ from neugrasp.viewer.settings import Settings
 from neugrasp.viewer.show import PAGE_ASPECT, Show
 from neugrasp.viewer.viewpoint import viewpoint
 
-from .conftest import Capture
+from .conftest import BALL, WORLD_FROM_WORKSPACE, Capture
 
 WINDOW = (760, 420)
 PICTURE = (320, 200)
@@ -127,6 +127,23 @@ def test_a_click_on_a_gripper_selects_it(shown: tuple[Show, Browser], show: Show
     assert until(lambda: "selected" in show.stage.names)
     assert until(lambda: "0.950" in show.panel.words)
     assert "60 mm" in show.panel.words
+
+
+def test_shift_and_a_click_choose_an_object_and_its_region(
+    shown: tuple[Show, Browser], show: Show, contents: Contents
+):
+    """The ball is the only thing; beside it there is none, and all is as before."""
+    show.update(replace(show.settings, most=0))
+    show.picture(*PICTURE)
+    shown[1].click(*pixel_of(contents, BALL, WINDOW, PAGE_ASPECT), shift=True)
+    assert until(lambda: show.settings.region is not None)
+    assert until(lambda: "region" in show.stage.names)
+    region = show.settings.region
+    place = apply(WORLD_FROM_WORKSPACE, BALL)
+    assert all(low < x < high for low, x, high in zip(region[:3], place, region[3:], strict=True))
+    assert "--region " + " ".join(f"{edge:g}" for edge in region) in show.panel.words
+    shown[1].click(*pixel_of(contents, (0.03, 0.03, 0.05), WINDOW, PAGE_ASPECT), shift=True)
+    assert until(lambda: show.settings.region is None)
 
 
 def test_the_sliders_move_the_scene(show: Show):

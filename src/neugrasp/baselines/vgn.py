@@ -8,23 +8,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from neugrasp.data.npz import reason_of
+from neugrasp.detection.contract import Detection, Stopwatch
 from neugrasp.detection.decode import Prediction, Selection, SelectionConfig, select_grasps
-from neugrasp.detection.detector import Detection, Stopwatch
+from neugrasp.detection.options import DetectorOptions
+from neugrasp.detection.registry import DEPTH, DetectorSpec, weights_facts
 from neugrasp.errors import InputError
 from neugrasp.geometry.fusion import Grid, Tsdf, fuse, vgn_grid
 from neugrasp.geometry.pose import inverse, rigid
 from neugrasp.geometry.workspace import Workspace
+from neugrasp.grasp import Grasps
 from neugrasp.gripper import Gripper
 from neugrasp.model.checkpoint import FLOATS
 from neugrasp.model.config import ModelConfig
 from neugrasp.model.grasp_head import GraspHead
-from neugrasp.views import DepthViews
+from neugrasp.observation import Observation, with_depth
 
 INSIDE = (2e-3 - 1, 0.0)
 """VGN's 1e-3 to 0.5 on the grid from 0 to 1, on the scale from -1 to 1."""
@@ -103,14 +107,53 @@ class VgnDetector:
         self._gripper = gripper
         self._config = SelectionConfig(threshold=threshold, inside=INSIDE)
 
-    def detect(self, views: DepthViews) -> Detection:
-        """Ranked grasps in the user's world."""
+    def detect(self, seen: Observation) -> Detection:
+        """Ranked grasps in the user's world. Raises `InputError` where depth images are missing."""
+        views = with_depth(seen)
         watch, workspace = Stopwatch(), views.workspace
         placed = workspace.world_from_workspace
         with watch.stage("fuse"):
-            cameras = [view.camera.moved(inverse(placed)) for view in views.views]
-            tsdf = fuse([view.depth for view in views.views], cameras, workspace)
+            cameras = [view.camera.moved(inverse(placed)) for view in views.frames]
+            tsdf = fuse([view.depth for view in views.frames], cameras, workspace)
         with watch.stage("grasp_head"):
             chosen, grid = vgn_selection(self._head, tsdf, workspace, self._gripper, self._config)
-        grasps = tuple(grasp.moved(placed) for grasp in chosen.grasps)
-        return Detection(grasps, grid, chosen.rejected, chosen.best_rejected, watch.seconds)
+        grasps = Grasps.of(grasp.moved(placed) for grasp in chosen.grasps)
+        return Detection(
+            grasps,
+            workspace,
+            self._gripper,
+            grid,
+            chosen.rejected,
+            chosen.best_rejected,
+            self._config.threshold,
+            watch.seconds,
+            views.source,
+        )
+
+
+def is_vgn(weights: str) -> bool:
+    """Whether the name is that of a public checkpoint."""
+    return Path(weights).suffix == ".pth"
+
+
+def vgn_facts(options: DetectorOptions) -> dict[str, Any]:
+    """Name, hash and threshold of the checkpoint."""
+    threshold = SelectionConfig.threshold if options.threshold is None else options.threshold
+    return weights_facts(_file(options), threshold)
+
+
+def _load(options: DetectorOptions) -> VgnDetector:
+    threshold = SelectionConfig.threshold if options.threshold is None else options.threshold
+    return VgnDetector(load_vgn_head(_file(options)), Gripper.load(options.gripper), threshold)
+
+
+def _file(options: DetectorOptions) -> Path:
+    if not is_vgn(options.weights):
+        raise InputError(
+            f"--weights {options.weights}: vgn needs the public checkpoint vgn_conv.pth of "
+            "github.com/ethz-asl/vgn"
+        )
+    return Path(options.weights)
+
+
+SPEC = DetectorSpec(DEPTH, _load, vgn_facts)

@@ -5,15 +5,14 @@ from __future__ import annotations
 import shlex
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Literal
-
-from neugrasp.errors import InputError
-from neugrasp.output import check_file
+from typing import ClassVar, Literal
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedTest:
     """Speed of every stage on this machine: of detecting and of training, beside the floor."""
+
+    doing: ClassVar[str] = "measuring, some minutes"
 
     json: Path | None = None
     """A file for all figures."""
@@ -27,7 +26,7 @@ class SpeedTest:
     """How often everything is timed; of training steps, which are slow, half as often."""
     threads: int | None = None
     """Threads that PyTorch computes with; by default as many as it takes by itself."""
-    device: Literal["cpu", "cuda"] = "cpu"
+    device: str = "cpu"
     """Where to compute."""
     precision: Literal["own", "float32", "bfloat16"] = "own"
     """Of the products: what the detector and the recipe choose themselves, or one of these."""
@@ -46,30 +45,3 @@ class SpeedTest:
             else:
                 words += [f"--{field.name}", str(value)]
         return shlex.join(words)
-
-    def run(self) -> str:
-        """The table."""
-        self._check()
-        from neugrasp.bench.measure import measure
-        from neugrasp.bench.report import summary, table, write_json
-
-        found = summary(measure(self))
-        lines = [table(found)]
-        if self.json is not None:
-            write_json(self.json, found)
-            lines.append(f"\n{self.json}")
-        return "\n".join(lines)
-
-    def _check(self) -> None:
-        if not 1 <= self.views <= 8:
-            raise InputError(f"--views {self.views}: a scene has 1 to 8 views")
-        if self.json is not None:
-            check_file(self.json)
-        for option, value in (("--rounds", self.rounds), ("--threads", self.threads)):
-            if value is not None and value < 1:
-                raise InputError(f"{option} {value}: must be at least 1")
-        if self.device == "cuda":
-            import torch
-
-            if not torch.cuda.is_available():
-                raise InputError("--device cuda: PyTorch sees no CUDA device here; use --device cpu")

@@ -18,6 +18,7 @@ from neugrasp.bench.subjects import (
     training_sample,
 )
 from neugrasp.bench.training_stages import TrainingStep
+from neugrasp.progress import counted as in_progress
 from neugrasp.training.module import bfloat16_pays
 
 WARM_UP = {"cpu": 0, "cuda": 3}
@@ -87,7 +88,7 @@ def series(subject: Subject, rounds: int) -> Series:
     costs = counted(subject).stages
     for _ in range(WARM_UP[subject.device.type]):
         timed(subject)
-    return Series(tuple(timed(subject) for _ in range(rounds)), costs)
+    return Series(tuple(timed(subject) for _ in in_progress(range(rounds), "rounds")), costs)
 
 
 def _inference(settings: SpeedTest, device: torch.device) -> Inference:

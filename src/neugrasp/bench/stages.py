@@ -16,7 +16,7 @@ from neugrasp.data.scene_folder import read_scene
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.model.inputs import prepare
 from neugrasp.model.network import NeuGrasp
-from neugrasp.views import Views
+from neugrasp.observation import Views
 
 PARTS = (
     Part("encode images", "encode", "features"),
@@ -91,7 +91,7 @@ class Detecting:
 
     def __init__(self, detector: NeuGraspDetector, views: Views, bfloat16: bool):
         self.detector, self.views, self.bfloat16 = detector, views, bfloat16
-        self.device = detector.device
+        self.device = detector.compute.device
 
     def run(self, recorder: Recorder) -> None:
         with watched(self.detector.model, PARTS, recorder), _precision(self.device, self.bfloat16):
@@ -116,7 +116,7 @@ class Loading:
             *self.folder.glob("images/*"),
             *self.folder.glob("backgrounds/*"),
         ]
-        pixels = sum(view.image.nbytes + view.background.nbytes for view in views.views)
+        pixels = sum(view.image.nbytes + view.background.nbytes for view in views.frames)
         recorder.note(LOAD, Cost(num_bytes=sum(file.stat().st_size for file in files) + pixels))
 
 
@@ -124,7 +124,7 @@ class NewBackgrounds:
     """Encoding backgrounds that were never seen."""
 
     def __init__(self, detector: NeuGraspDetector, views: Views, bfloat16: bool):
-        self.model, self.bfloat16, self.device = detector.model, bfloat16, detector.device
+        self.model, self.bfloat16, self.device = detector.model, bfloat16, detector.compute.device
         self.inputs = prepare(views, self.model.config.image_size).to(self.device)
 
     @torch.no_grad()
@@ -141,7 +141,7 @@ def _precision(device: torch.device, bfloat16: bool) -> AbstractContextManager[o
 
 def host_bytes(views: Views, model: NeuGrasp) -> dict[str, int]:
     """Bytes in and out of the stages outside the network, by stage."""
-    photos = sum(view.image.nbytes + view.background.nbytes for view in views.views)
+    photos = sum(view.image.nbytes + view.background.nbytes for view in views.frames)
     tensors = 4 * 3 * len(views) * model.config.image_size**2
     grids = 4 * 7 * model.workspace.resolution**3
     return {"prepare": photos + 2 * tensors, "backgrounds": tensors, "selection": grids}

@@ -10,17 +10,16 @@ import torch
 
 from neugrasp.change import change_labels
 from neugrasp.data.scene_folder import read_scene
-from neugrasp.demo import demo_scenes
+from neugrasp.demo.bundled import demo_scenes
 from neugrasp.detection.detector import NeuGraspDetector
-from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
 from neugrasp.model.config import ModelConfig
 from neugrasp.model.inputs import prepare
 from neugrasp.model.network import NeuGrasp
+from neugrasp.observation import Views
 from neugrasp.training.config import TrainConfig
 from neugrasp.training.recipes import paper, small
 from neugrasp.training.samples import GraspLabels, Photos, Sample, Truth
-from neugrasp.views import Views
 
 NUM_TARGETS = 2
 """Views that are rendered against, as generated records have them."""
@@ -56,15 +55,15 @@ def bundled_folder() -> Path:
 def bundled_views(num: int) -> Views:
     """The first bundled scene with `num` views; beyond its own four they come again."""
     views = read_scene(bundled_folder())
-    return replace(views, views=tuple(views.views[i % len(views)] for i in range(num)))
+    return replace(views, frames=tuple(views.frames[i % len(views)] for i in range(num)))
 
 
 def training_sample(views: Views, size: int, seed: int) -> Sample:
     """The scene as a step sees it: photos to look at and to render against, and random grasps."""
     rng = np.random.default_rng(seed)
     inputs = _photos(views, size)
-    targets = replace(views, views=tuple(views.views[i % len(views)] for i in range(NUM_TARGETS)))
-    resolution = Workspace().resolution
+    targets = replace(views, frames=tuple(views.frames[i % len(views)] for i in range(NUM_TARGETS)))
+    resolution = views.workspace.resolution
     labels = GraspLabels(
         torch.from_numpy(rng.integers(0, resolution, (NUM_GRASPS, 3))),
         torch.nn.functional.normalize(torch.from_numpy(rng.normal(size=(NUM_GRASPS, 4))).float(), dim=1),

@@ -26,7 +26,7 @@ def add_distance(folder: Path, distance: Callable[[Scene], NDArray[np.float32]])
     if "distance" in arrays:
         return False
     world = folder / "world.json"
-    grid = distance(scene_from_json(world.read_text(errors="replace"), world))
+    grid = distance(scene_from_json(world.read_text(encoding="utf-8", errors="replace"), world))
     with whole_file(path) as part:
         part.write_bytes(npz_bytes(**arrays, distance=grid.astype(np.float16)))
     return True

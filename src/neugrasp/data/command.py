@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-
-from neugrasp.errors import InputError
+from typing import ClassVar
 
 
 @dataclass(frozen=True)
 class Pack:
     """Packs generated scenes into a few files of at most 60 MB, to be trained on elsewhere."""
+
+    doing: ClassVar[str] = "packing the scenes"
 
     data: tuple[Path, ...]
     """Folders made by `neugrasp generate`."""
@@ -21,13 +22,3 @@ class Pack:
     takes a quarter of the bytes. By default everything is kept exactly."""
     targets: bool = True
     """Pack the views that losses compare with, too; geometry supervision needs none."""
-
-    def run(self) -> str:
-        """How many scenes are packed."""
-        from neugrasp.data.shards import Shards, pack
-
-        if self.quality is not None and not 1 <= self.quality <= 100:
-            raise InputError(f"--quality {self.quality}; it must be 1 to 100")
-        folders = [folder / "scenes" for folder in self.data]
-        pack(folders, self.out, quality=self.quality, photos="all" if self.targets else "inputs")
-        return f"{len(Shards(self.out))} scenes in {self.out}"

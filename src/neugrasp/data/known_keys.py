@@ -158,9 +158,11 @@ def warn_of_unknown(
     entries: Iterable[Mapping[str, Any]], known: Collection[str], file: Path | str, logger: logging.Logger
 ) -> None:
     """Names each key outside `known` once, with the known one that is most like it; a key that begins with an
-    underscore, a dollar or a slash is a remark."""
-    for key in dict.fromkeys(key for entry in entries for key in entry):
+    underscore, a dollar or a slash is a remark, and one that bends geometry is refused, not ignored."""
+    for key, value in {key: value for entry in entries for key, value in entry.items()}.items():
         if key in known or key.startswith(("_", "$", "//")):
+            continue
+        if any(bend.is_meant(key, value) for bend in BENDS):
             continue
         like = difflib.get_close_matches(plain(key), [plain(word) for word in known], n=1)
         meant = next((word for word in sorted(known) if like and plain(word) == like[0]), None)

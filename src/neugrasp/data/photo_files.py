@@ -6,7 +6,9 @@ import logging
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image as Picture
@@ -14,7 +16,7 @@ from PIL import UnidentifiedImageError
 
 from neugrasp.data.user_files import check_regular
 from neugrasp.errors import InputError
-from neugrasp.views import Image
+from neugrasp.observation import Image
 
 SMALLEST_IMAGE = 32
 """Pixels; a smaller photo is a thumbnail or a mistake."""
@@ -42,6 +44,12 @@ FOREIGN = {
 DARKEST_WHITE = 64
 """Of 255: what the brightest pixel of a photo in 16 bits must reach."""
 ORIENTATION_TAG = 274
+DETAILS, FOCAL_35MM_TAG, SIZE_TAGS = 0x8769, 0xA405, (0xA002, 0xA003)
+"""EXIF: the directory of what a camera says of a photo; in it the focal length, and width and height."""
+FOCAL_35MM = 5, 2000
+"""Millimetres of lenses that there are; cameras that do not know theirs write 0."""
+OTHER_FOCAL = 1.25
+"""Factor by which fx may differ from what a photo says: makers round, and stabilised photos are cropped."""
 AS_STORED = {
     2: "mirrored",
     3: "turned by 180 degrees",
@@ -82,12 +90,40 @@ def image_size(file: Path, where: str) -> tuple[int, int]:
         return picture.size
 
 
-def orientation(file: Path, where: str) -> str | None:
-    """How the pixels of a photo lie that an EXIF tag wants to be shown another way; None where they are
-    upright. Programs differ: OpenCV turns such a photo when it reads it, this one does not."""
+@dataclass(frozen=True)
+class Tags:
+    """What a photo says of itself in EXIF."""
+
+    lies: str | None = None
+    """How the pixels lie that want to be shown another way; None where they are upright. Programs differ:
+    OpenCV turns such a photo when it reads it, this one does not."""
+    focal_35mm: float | None = None
+    """Focal length that shows as much on 35 mm film, millimetres; None where it is not known."""
+    focal_pixels: float | None = None
+    """The same in pixels of the photo; None where it is not known, or the photo was cropped."""
+
+
+def photo_tags(file: Path, where: str) -> Tags:
+    """The tags of a photo, which is not decoded. Raises like `read_image`."""
     with _opened(file, where) as picture:
-        value = picture.getexif().get(ORIENTATION_TAG, 1)
-    return None if value in (0, 1) else AS_STORED.get(value, f"tagged {value!r}")
+        exif = picture.getexif()
+        value, details, size = exif.get(ORIENTATION_TAG, 1), exif.get_ifd(DETAILS), picture.size
+    lies = None if value in (0, 1) else AS_STORED.get(value, f"tagged {str(value)[:20]!r}")
+    focal = details.get(FOCAL_35MM_TAG)
+    if not isinstance(focal, int | float) or not FOCAL_35MM[0] <= focal <= FOCAL_35MM[1]:
+        return Tags(lies)
+    # By the diagonal, as the standard has it, of a frame of 36 x 24 mm.
+    pixels = None if _is_cropped(details, size) else float(focal * np.hypot(*size) / np.hypot(36, 24))
+    return Tags(lies, float(focal), pixels)
+
+
+def _is_cropped(details: dict[int, Any], size: tuple[int, int]) -> bool:
+    """Whether a photo has other proportions than the camera wrote down, however it was turned since."""
+    first = [details.get(tag) for tag in SIZE_TAGS]
+    if not all(isinstance(side, int) and side > 0 for side in first):
+        return False
+    (narrow, wide), (narrow_now, wide_now) = sorted(map(int, first)), sorted(size)  # type: ignore[arg-type]
+    return abs(wide_now * narrow / (narrow_now * wide) - 1) > 0.02
 
 
 @contextmanager
@@ -96,12 +132,12 @@ def _opened(file: Path, where: str) -> Iterator[Picture.Image]:
     try:
         check_regular(file)
         with warnings.catch_warnings():
-            # Pillow warns from 89 megapixels on; the limit here is our own.
+            # Pillow warns from 89 megapixels on; the limit here is our own. Damaged tags are no tags to us.
             warnings.simplefilter("ignore", Picture.DecompressionBombWarning)
-            picture = Picture.open(file, formats=FORMATS)
-        with picture:
-            _check_size(picture, file, where)
-            yield picture
+            warnings.simplefilter("ignore", UserWarning)
+            with Picture.open(file, formats=FORMATS) as picture:
+                _check_size(picture, file, where)
+                yield picture
     except FileNotFoundError:
         raise InputError(f"{file}: missing; {where} names it") from None
     except InputError:

@@ -28,8 +28,8 @@ from neugrasp.data.trials import Trials, trials_from_bytes, trials_to_bytes
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.workspace import Workspace
+from neugrasp.observation import View, Views
 from neugrasp.simulation.scene import Scene, scene_from_json, scene_to_json
-from neugrasp.views import View, Views
 
 DEPTH_UNIT = 1e-4
 """Metres that one step of a stored depth stands for; 0 is no surface."""
@@ -69,12 +69,12 @@ class Record:
     masks: NDArray[np.int8]
     """(n, s, s): -1 nothing, 0 table, i + 1 body i."""
     tsdf: NDArray[np.float32]
-    """The fused TSDF (40, 40, 40) indexed [x, y, z], in [-1, 1]; -1 where not observed."""
+    """The fused TSDF (r, r, r) indexed [x, y, z], in [-1, 1]; -1 where not observed."""
     observed: NDArray[np.bool_]
-    """(40, 40, 40)"""
+    """(r, r, r)"""
     labels: Labels
     distance: NDArray[np.float32] | None = None
-    """The mesh distance (40, 40, 40): Euclidean, in units of the truncation, in [-1, 1], true everywhere.
+    """The mesh distance (r, r, r): Euclidean, in units of the truncation, in [-1, 1], true everywhere.
     None in records of before it was stored."""
     trials: Trials | None = None
     """All grasps that were executed, those behind the labels among them; None where they were not kept."""
@@ -99,14 +99,19 @@ class Record:
         """ "diffuse", "specular" or "transparent", one per body."""
         return tuple(material.kind for material in self.scene.materials)
 
+    @property
+    def workspace(self) -> Workspace:
+        """The cube that it is about. Raises `InputError` where the cell does not describe one."""
+        return Workspace.from_dict(self.cell.get("workspace", {}), f"{self.name}: its workspace")
+
     def views(self, workspace: Workspace | None = None) -> Views:
         """What a detector may see of the record. Raises `InputError` where it has no photos."""
-        return _views(self.images, self.backgrounds, self.cameras, workspace or Workspace())
+        return _views(self.images, self.backgrounds, self.cameras, workspace or self.workspace)
 
     def target_views(self, workspace: Workspace | None = None) -> Views:
         """The views from the hemisphere, for photometric losses. Raises `InputError` where there are none."""
         backgrounds = self.target_backgrounds
-        return _views(self.targets, backgrounds, self.target_cameras, workspace or Workspace())
+        return _views(self.targets, backgrounds, self.target_cameras, workspace or self.workspace)
 
 
 def without_photos() -> dict[str, Any]:
@@ -162,7 +167,9 @@ def read_record(folder: Path, photos: PhotosWanted = "all", trials: bool = True)
 
 def _read(folder: Path, photos: PhotosWanted, trials: bool) -> Record:
     need_files(folder, FILES)
-    world = scene_from_json((folder / "world.json").read_text(errors="replace"), folder / "world.json")
+    world = scene_from_json(
+        (folder / "world.json").read_text(encoding="utf-8", errors="replace"), folder / "world.json"
+    )
     cell = Fields(str(folder / "cell.json"), read_json(folder / "cell.json", "the work cell")).data
     truth = truth_from_bytes((folder / "truth.npz").read_bytes(), str(folder / "truth.npz"))
     record = Record(
@@ -199,7 +206,7 @@ def _photos(folder: Path, wanted: PhotosWanted) -> dict[str, Any]:
     found = {name: found[name] for name in found if name.startswith("target")} | {
         "images": _stacked(inputs, "image", folder / "images"),
         "backgrounds": _stacked(inputs, "background", folder / "backgrounds"),
-        "cameras": tuple(view.camera for view in inputs.views),
+        "cameras": tuple(view.camera for view in inputs.frames),
     }
     if wanted == "inputs":
         return found
@@ -207,14 +214,14 @@ def _photos(folder: Path, wanted: PhotosWanted) -> dict[str, Any]:
     return found | {
         "targets": _stacked(targets, "image", folder / "targets" / "images"),
         "target_backgrounds": _stacked(targets, "background", folder / "targets" / "backgrounds"),
-        "target_cameras": tuple(view.camera for view in targets.views),
+        "target_cameras": tuple(view.camera for view in targets.frames),
     }
 
 
 def check_record(record: Record, source: str) -> None:
     """Raises `InputError` naming `source` where the parts of a record do not fit together."""
     n, height, width = record.images.shape[:3]
-    resolution = Workspace().resolution
+    resolution = record.workspace.resolution
     k = len(record.labels.success)
     expected = {
         "depth": (record.depths.shape, (n, height, width)),
@@ -264,8 +271,10 @@ def _write_files(folder: Path, record: Record) -> None:
     if record.has_photos:
         write_scene(folder, record.views())
         write_scene(folder / "targets", record.target_views())
-    (folder / "world.json").write_text(scene_to_json(record.scene) + "\n")
-    (folder / "cell.json").write_text(json.dumps(record.cell, indent=1, sort_keys=True) + "\n")
+    (folder / "world.json").write_text(scene_to_json(record.scene) + "\n", encoding="utf-8")
+    (folder / "cell.json").write_text(
+        json.dumps(record.cell, indent=1, sort_keys=True) + "\n", encoding="utf-8"
+    )
     (folder / "truth.npz").write_bytes(truth_to_bytes(record))
     (folder / "grasps.npz").write_bytes(labels_to_bytes(record.labels))
     if record.trials is not None:
@@ -279,11 +288,11 @@ def _views(
     workspace: Workspace,
 ) -> Views:
     triples = zip(images, backgrounds, cameras, strict=True)
-    return Views(tuple(View(image, background, camera) for image, background, camera in triples), workspace)
+    return Views(tuple(View(camera, image, background) for image, background, camera in triples), workspace)
 
 
 def _stacked(views: Views, field: str, source: Path) -> NDArray[np.uint8]:
-    images = [getattr(view, field) for view in views.views]
+    images = [getattr(view, field) for view in views.frames]
     if len({image.shape for image in images}) != 1:
         raise InputError(f"{source}: images of several sizes; those of a record are all of one size")
     return np.stack(images)

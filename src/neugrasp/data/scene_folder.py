@@ -9,6 +9,7 @@ import json
 import logging
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
@@ -18,17 +19,20 @@ from PIL import Image as Picture
 from neugrasp.data.camera_checks import check_intrinsics, check_rigid, check_scene, check_sensed, numbers
 from neugrasp.data.known_keys import refuse_bends, warn_of_unknown
 from neugrasp.data.photo_files import read_image
-from neugrasp.data.user_files import check_name, read_object
+from neugrasp.data.strict_json import read_object
+from neugrasp.data.user_files import check_name
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
-from neugrasp.geometry.workspace import Workspace
-from neugrasp.views import MAX_VIEWS, Image, View, Views
+from neugrasp.geometry.workspace import USUAL, Workspace
+from neugrasp.observation import MAX_VIEWS, Image, View, Views
 
 FORMAT = "neugrasp-scene"
 VERSION = 1
 FILE = "scene.json"
 SCENE_KEYS = ("format", "version", "workspace", "views")
-WORKSPACE_KEYS = ("size", "world_from_workspace")
+WORKSPACE_KEYS = ("size", "world_from_workspace", "resolution", "table_height", "truncation")
+EDGES = (0.05, 2.0)
+"""Metres between which the edge of a cube lies."""
 VIEW_KEYS = ("image", "background", "intrinsics", "world_from_camera", "sensed")
 STRAIGHT = (
     "photos of a scene are those of a pinhole, its poses are metric: undistort and convert, e.g. with "
@@ -39,7 +43,7 @@ STRAIGHT = (
 logger = logging.getLogger(__name__)
 
 
-def read_scene(path: Path) -> Views:
+def read_scene(path: str | Path) -> Views:
     """The scene in folder `path` (or whose `scene.json` is `path`).
 
     Raises `InputError` that names the file and the view, what is wrong, and what would be right.
@@ -60,12 +64,12 @@ def read_scene(path: Path) -> Views:
     return scene
 
 
-def write_scene(path: Path, views: Views) -> None:
+def write_scene(path: str | Path, views: Views) -> None:
     """Writes `views` as a scene into folder `path`. `scene.json` comes last and at once: a folder without it
     is not a scene yet."""
     path = Path(path)
     entries = []
-    for i, view in enumerate(views.views):
+    for i, view in enumerate(views.frames):
         entry: dict[str, Any] = {"image": f"images/{i}.png", "background": f"backgrounds/{i}.png"}
         for key, pixels in (("image", view.image), ("background", view.background)):
             target = path / entry[key]
@@ -78,6 +82,7 @@ def write_scene(path: Path, views: Views) -> None:
         entries.append(entry)
     place = {
         "size": views.workspace.size,
+        **views.workspace.unusual(),
         "world_from_workspace": views.workspace.world_from_workspace.tolist(),
     }
     text = json.dumps({"format": FORMAT, "version": VERSION, "workspace": place, "views": entries}, indent=1)
@@ -90,7 +95,7 @@ def read_json(file: Path) -> dict[str, Any]:
     """The content of `scene.json`, of a format and version that this program reads."""
     if not file.exists() and not file.is_symlink():
         raise InputError(f"{file}: missing; a scene is a folder with {FILE}, images/ and backgrounds/")
-    data = read_object(file, of="a scene")
+    data = read_object(file, "a scene")
     if data.get("format") != FORMAT:
         raise InputError(f'{file}: not a scene; it must be an object with "format": "{FORMAT}"')
     version = data.get("version")
@@ -119,12 +124,15 @@ def workspace_of(data: dict[str, Any], file: Path) -> Workspace:
         raise InputError(f"{file}: 'workspace' must be an object with 'size' and 'world_from_workspace'")
     refuse_bends(entry, WORKSPACE_KEYS, f"{file}, workspace", STRAIGHT)
     size = float(numbers(entry.get("size"), (), f"{file}: workspace size"))
-    standard = Workspace().size
-    if not np.isclose(size, standard, atol=1e-6):
-        guess = " (that looks like millimetres)" if np.isclose(size / 1000, standard) else ""
-        raise InputError(f"{file}: workspace size {size:g} m{guess}; it must be {standard:.2f} m")
+    if not EDGES[0] <= size <= EDGES[1]:
+        guess = " (that looks like millimetres)" if EDGES[0] <= size / 1000 <= EDGES[1] else ""
+        usual = f"the edge of the cube in metres, for the shipped weights {USUAL.size:.2f}"
+        raise InputError(f"{file}: workspace size {size:g} m{guess}; it must be {usual}")
     pose = check_rigid(entry.get("world_from_workspace"), f"{file}: world_from_workspace")
-    return Workspace(world_from_workspace=pose)
+    size = USUAL.size if np.isclose(size, USUAL.size, atol=1e-6) else size
+    others = {name: entry[name] for name in ("resolution", "table_height", "truncation") if name in entry}
+    cube = Workspace.from_dict({"size": size, **others}, f"{file}: workspace")
+    return replace(cube, world_from_workspace=pose)
 
 
 def view_of(entry: Any, where: str, folder: Path) -> View:
@@ -147,7 +155,7 @@ def view_of(entry: Any, where: str, folder: Path) -> View:
         height,
         check_sensed(entry.get("sensed"), width, height, f"{where}: sensed"),
     )
-    return View(image, background, camera, name=entry["image"])
+    return View(camera, image, background, name=entry["image"])
 
 
 def photo_of(folder: Path, entry: dict[str, Any], key: str, where: str) -> Path:

@@ -37,8 +37,9 @@ from neugrasp.data.strict_json import parse_json, read_json
 from neugrasp.data.trials import trials_from_bytes, trials_to_bytes
 from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.errors import InputError
+from neugrasp.observation import Image
+from neugrasp.progress import counted
 from neugrasp.simulation.scene import camera_from_dict, camera_to_dict, scene_from_json, scene_to_json
-from neugrasp.views import Image
 
 FORMAT = "neugrasp-shards"
 VERSION = 1
@@ -103,7 +104,7 @@ def _shards(
     folders: Sequence[Path], limit: int, quality: int | None, photos: PhotosWanted
 ) -> Iterator[_Shard]:
     shard = _Shard(0)
-    for folder in folders:
+    for folder in counted(folders, "records"):
         record = read_record(folder, photos)
         if quality is not None:
             record = _light(record)

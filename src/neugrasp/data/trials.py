@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from neugrasp.data.npz import npz_arrays, npz_bytes
 from neugrasp.errors import InputError
-from neugrasp.geometry.workspace import Workspace
+from neugrasp.geometry.workspace import USUAL
 from neugrasp.simulation.scene import Scene, scene_from_json, scene_to_json
 
 COLUMNS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
@@ -40,7 +40,7 @@ class State:
     scene: Scene
     """The bodies that were there, at rest; it rebuilds the state exactly. Without materials."""
     distance: NDArray[np.float32]
-    """Their mesh distance (40, 40, 40), as that of a `Record`."""
+    """Their mesh distance (r, r, r), as that of a `Record`."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def trials_to_bytes(trials: Trials) -> bytes:
         "series": trials.made,
     }
     columns = {name: getattr(trials, name).astype(kind) for name, (kind, _) in COLUMNS.items()}
-    resolution = Workspace().resolution
+    resolution = trials.met[0].distance.shape[0] if trials.met else USUAL.resolution
     distances = np.array([state.distance for state in trials.met], np.float16)
     return npz_bytes(
         **columns,
@@ -122,7 +122,8 @@ def trials_from_bytes(data: bytes, source: str) -> Trials:
     arrays = npz_arrays(data, KINDS, source)
     about = _about(arrays.pop("about"), source)
     scenes = [scene_from_json(json.dumps(state), source) for state in about["states"]]
-    distances, resolution = arrays.pop("distances"), Workspace().resolution
+    distances = arrays.pop("distances")
+    resolution = distances.shape[-1]
     if distances.shape != (len(scenes), *(resolution,) * 3):
         raise InputError(f"{source}: distances has shape {distances.shape}; it has {len(scenes)} states")
     met = tuple(State(s, d.astype(np.float32)) for s, d in zip(scenes, distances, strict=True))

@@ -1,22 +1,15 @@
-"""Files that users hand in, read whole: regular files only, text and JSON with errors that name the file."""
+"""Files that users hand in, read whole: regular files only, with errors that name the file."""
 
 from __future__ import annotations
 
-import json
 import stat
 import unicodedata
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from neugrasp.errors import InputError
 
 LARGEST_TEXT = 64 * 2**20
-"""Bytes: cameras of ten thousand photos take a tenth of that as JSON."""
-LONGEST_INTEGER = 30
-"""Digits; a longer number is no length, no count and no identifier."""
-DEEPEST = 32
-"""Lists and objects within one another; a matrix in a list of views is four deep."""
+"""Bytes that a text may have."""
 
 
 def read_bytes(file: Path, largest: int | None = None) -> bytes:
@@ -50,67 +43,19 @@ def check_regular(file: Path) -> None:
 
 def read_text(file: Path) -> str:
     """A text in UTF-8, without the mark of byte order of Windows in front. Raises like `read_bytes`."""
+    return as_text(read_bytes(file, LARGEST_TEXT), f"{file}")
+
+
+def as_text(data: bytes, source: str) -> str:
+    """The text that bytes are in UTF-8, with or without a mark of byte order. Raises `InputError` naming the
+    `source`."""
     try:
-        return read_bytes(file, LARGEST_TEXT).decode("utf-8-sig")
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(f"{file}: no text in UTF-8 ({error}); save it as UTF-8") from error
-
-
-def read_object(file: Path, of: str = "a JSON object") -> dict[str, Any]:
-    """The object in a JSON file. Raises `InputError` naming the file.
-
-    What JSON readers differ about is refused: a key given twice, whole numbers of any length, lists within
-    lists without end, and halves of characters.
-    """
-    try:
-        text = read_text(file)
-    except FileNotFoundError as error:
-        raise InputError(str(error)) from None
-    try:
-        data = json.loads(text, object_pairs_hook=_once, parse_int=_integer)
-    except (InputError, json.JSONDecodeError) as error:
-        raise InputError(f"{file}: not valid JSON ({error})") from error
-    except RecursionError:
-        raise InputError(f"{file}: not valid JSON (nested more than {DEEPEST} deep)") from None
-    if not isinstance(data, dict):
-        raise InputError(f"{file}: not {of}; it must be an object in braces")
-    for depth, value in _values(data):
-        if depth > DEEPEST:
-            raise InputError(f"{file}: not valid JSON (nested more than {DEEPEST} deep)")
-        if isinstance(value, str) and any(unicodedata.category(letter) == "Cs" for letter in value):
-            raise InputError(f"{file}: not valid JSON ({value!a} holds half a character)")
-    return data
+        raise InputError(f"{source}: no text in UTF-8 ({error}); save it as UTF-8") from error
 
 
 def check_name(name: str, where: str) -> None:
     """Raises `InputError` where a name holds control characters, which no camera writes."""
     if any(unicodedata.category(letter) in ("Cc", "Zl", "Zp") for letter in name):
         raise InputError(f"{where}: the name {name!a} holds control characters; rename the file")
-
-
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    data = dict(pairs)
-    if len(data) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise InputError(f"the key {twice!a} is given twice in one object; which one is meant?")
-    return data
-
-
-def _integer(digits: str) -> int:
-    if len(digits) > LONGEST_INTEGER:
-        raise InputError(f"a number of {len(digits)} digits")
-    return int(digits)
-
-
-def _values(data: Any) -> Iterator[tuple[int, Any]]:
-    """Every key and value with how deep it stands, without recursion."""
-    left: list[tuple[int, Any]] = [(0, data)]
-    while left:
-        depth, value = left.pop()
-        yield depth, value
-        if depth > DEEPEST:
-            continue
-        inner = [*value.keys(), *value.values()] if isinstance(value, dict) else value
-        if isinstance(value, dict | list):
-            left += [(depth + 1, part) for part in inner]

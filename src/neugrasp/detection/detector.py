@@ -1,71 +1,29 @@
-"""The one interface of everything that finds grasps, and NeuGrasp behind it."""
+"""NeuGrasp as a detector: photos and photos of the empty table in, surface and grasps out."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from neugrasp.detection.ask_head import predict_grasps
+from neugrasp.detection.contract import Detection, Stopwatch
 from neugrasp.detection.decode import Prediction, Selection, SelectionConfig, select_grasps
 from neugrasp.detection.hand_check import HandCheck
-from neugrasp.detection.judge import Judge
+from neugrasp.detection.judge import Judge, judge_facts
+from neugrasp.detection.options import DetectorOptions
+from neugrasp.detection.registry import PHOTOS, DetectorSpec, weights_facts
 from neugrasp.errors import InputError
-from neugrasp.grasp import Grasp
+from neugrasp.grasp import Grasps
 from neugrasp.gripper import Gripper
-from neugrasp.model.checkpoint import load_checkpoint
+from neugrasp.model.checkpoint import Checkpoint, find_weights, load_checkpoint
+from neugrasp.model.compute import Compute
 from neugrasp.model.inputs import ViewTensors, prepare
 from neugrasp.model.network import NeuGrasp
-from neugrasp.views import Views
-
-
-@dataclass(frozen=True)
-class Detection:
-    """What a detector found."""
-
-    grasps: tuple[Grasp, ...]
-    """In the user's world, best first."""
-    tsdf: NDArray[np.float32]
-    """(r, r, r) in [-1, 1], indexed [x, y, z] in the workspace frame."""
-    rejected: dict[str, int]
-    """How many of the voxels each rule rejected."""
-    best_rejected: float
-    """The best quality of any voxel near a surface."""
-    timing_s: dict[str, float]
-    """Seconds of each stage."""
-    threshold: float | None = None
-    """The quality below which nothing is a grasp, where the detector has one."""
-
-
-class Detector(Protocol):
-    """Anything that finds grasps in views."""
-
-    def detect(self, views: Views) -> Detection:
-        """Ranked grasps of a scene."""
-        ...
-
-
-class Stopwatch:
-    """Seconds by stage."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Adds the time of the block to stage `name`."""
-        start = time.perf_counter()
-        yield
-        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
-
+from neugrasp.observation import Observation, with_backgrounds
 
 HINTS = 0.3
 """Smoothed quality from which the head's peaks are judged beside what is drawn from the surface."""
@@ -85,12 +43,13 @@ class NeuGraspDetector:
         gripper: Gripper,
         selection: SelectionConfig | None = None,
         device: str | torch.device = "cpu",
+        precision: str = "float32",
         judge: Judge | None = None,
     ):
-        self.model = model.to(device).eval()
+        self.compute = Compute.of(device, precision)
+        self.model = model.to(self.compute.device).eval()
         self.gripper = gripper
         self.selection = selection or SelectionConfig()
-        self.device = torch.device(device)
         self.judge = judge
         self._cached: tuple[Tensor, Tensor] | None = None
         """The backgrounds seen last and their feature maps."""
@@ -103,6 +62,7 @@ class NeuGraspDetector:
         device: str | torch.device = "cpu",
         threshold: float | None = None,
         hand_check: bool = True,
+        precision: str = "float32",
         evaluator: str | Path | None = None,
     ) -> NeuGraspDetector:
         """From shipped weights by name or a weights file, and a gripper by name or file.
@@ -119,48 +79,61 @@ class NeuGraspDetector:
         hand = Gripper.load(gripper)
         if evaluator is not None:
             judge = Judge.load(evaluator, gripper, checkpoint.workspace, threshold)
-            return cls(checkpoint.model(), hand, SelectionConfig(threshold=HINTS), device, judge)
-        if threshold is None:
-            threshold = float(checkpoint.about.get("threshold", SelectionConfig.threshold))
+            selection = SelectionConfig(threshold=HINTS)
+            return cls(checkpoint.model(), hand, selection, device, precision, judge)
+        threshold = threshold_of(checkpoint, threshold)
         selection = SelectionConfig(threshold=threshold, hand=HandCheck(hand) if hand_check else None)
-        return cls(checkpoint.model(), hand, selection, device)
+        return cls(checkpoint.model(), hand, selection, device, precision)
+
+    def __repr__(self) -> str:
+        device = self.compute.device
+        return f"NeuGraspDetector({self.gripper.name}, threshold {self.threshold:g}, {device})"
+
+    @property
+    def threshold(self) -> float:
+        """The score below which nothing is a grasp."""
+        return self.selection.threshold if self.judge is None else self.judge.config.threshold
 
     @torch.no_grad()
-    def detect(self, views: Views) -> Detection:
+    def detect(self, seen: Observation) -> Detection:
         """Surface and ranked grasps, from any number of threads at once.
 
-        Raises `InputError` where a photo misses the workspace, or the workspace is another cube than the
-        network was trained for.
+        Raises `InputError` where a photo or a background is missing, a photo misses the workspace, or the
+        workspace is another cube than the network was trained for.
         """
+        views = with_backgrounds(seen)
         if views.workspace.cube != self.model.workspace.cube:
             raise InputError(
                 f"the scene's workspace is {views.workspace.describe()}; these weights were trained for "
                 f"{self.model.workspace.describe()}, and see nothing else"
             )
-        watch = Stopwatch()
+        watch, device = Stopwatch(), self.compute.device
         with watch.stage("prepare"):
-            inputs = prepare(views, self.model.config.image_size).to(self.device)
-        with watch.stage("backgrounds"):
-            background = self._backgrounds(inputs)
-        with watch.stage("images"):
-            scene = self.model.encode(inputs.images)
-        with watch.stage("reconstruct"):
-            reconstruction = self.model.reconstruct(scene, background, inputs)
-        with watch.stage("grasp_head"):
-            prediction = predict_grasps(
-                self.model.head, reconstruction.tsdf.float().cpu().numpy(), self.device
-            )
+            inputs = prepare(views, self.model.config.image_size).to(device)
+        with self.compute.autocast():
+            with watch.stage("backgrounds"):
+                background = self._backgrounds(inputs)
+            with watch.stage("images"):
+                scene = self.model.encode(inputs.images)
+            with watch.stage("reconstruct"):
+                reconstruction = self.model.reconstruct(scene, background, inputs)
+            with watch.stage("grasp_head"):
+                tsdf = reconstruction.tsdf.float().cpu().numpy()
+                prediction = predict_grasps(self.model.head, tsdf, device)
         with watch.stage("selection"):
             chosen = self._chosen(prediction)
             placed = views.workspace.world_from_workspace
-            grasps = tuple(grasp.moved(placed) for grasp in chosen.grasps)
+            grasps = Grasps.of(grasp.moved(placed) for grasp in chosen.grasps)
         return Detection(
             grasps,
+            views.workspace,
+            self.gripper,
             prediction.tsdf,
             chosen.rejected,
             chosen.best_rejected,
+            self.threshold,
             watch.seconds,
-            self.selection.threshold if self.judge is None else self.judge.config.threshold,
+            views.source,
         )
 
     def _chosen(self, prediction: Prediction) -> Selection:
@@ -178,3 +151,55 @@ class NeuGraspDetector:
             cached = inputs.backgrounds, self.model.encode(inputs.backgrounds)
             self._cached = cached
         return cached[1]
+
+
+def threshold_of(checkpoint: Checkpoint, threshold: float | None) -> float:
+    """The quality from which a grasp is one: as given, else as noted with the weights, else the paper's."""
+    if threshold is not None:
+        return threshold
+    return float(checkpoint.about.get("threshold", SelectionConfig.threshold))
+
+
+def facts_of(options: DetectorOptions) -> dict[str, Any]:
+    """Name, hash and threshold of the weights, how they were trained as far as they know, and whether the
+    hand was checked."""
+    checkpoint = load_checkpoint(options.weights)
+    told = ("recipe", "steps", "scenes")
+    trained = {name: checkpoint.about[name] for name in told if name in checkpoint.about}
+    file = weights_facts(find_weights(options.weights), threshold_of(checkpoint, options.threshold))
+    cube = checkpoint.workspace.unusual()
+    asked = {"workspace": cube} if cube else {}
+    return {**file, "trained": trained, "hand_check": options.hand_check, **asked}
+
+
+def _load(options: DetectorOptions) -> NeuGraspDetector:
+    return NeuGraspDetector.load(
+        options.weights,
+        options.gripper,
+        options.device,
+        threshold=options.threshold,
+        hand_check=options.hand_check,
+        precision=options.precision,
+    )
+
+
+def _load_judged(options: DetectorOptions) -> NeuGraspDetector:
+    return NeuGraspDetector.load(
+        options.weights,
+        options.gripper,
+        options.device,
+        threshold=options.threshold,
+        precision=options.precision,
+        evaluator=options.evaluator,
+    )
+
+
+def _judged_facts(options: DetectorOptions) -> dict[str, Any]:
+    workspace = load_checkpoint(options.weights).workspace
+    facts = facts_of(options) | judge_facts(options, workspace)
+    return {name: fact for name, fact in facts.items() if name != "hand_check"}
+
+
+SPEC = DetectorSpec(PHOTOS, _load, facts_of)
+JUDGED = DetectorSpec(PHOTOS, _load_judged, _judged_facts)
+"""The same surface; an evaluator of grasps in place of the head's scores and the rules."""

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from neugrasp.detection.detector import Detection
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from neugrasp.detection.contract import Detection
 
 WORDS = {
     "off_the_surface": "off the surface",
@@ -13,8 +16,10 @@ WORDS = {
     "held_by_the_rim": "where the fingers would hold a rim only, and others hold more",
     "not_the_best_nearby": "beside a better one",
     "outside_the_region": "outside of the region",
+    "outside_the_mask": "outside of the mask",
     "from_another_side": "from another side than the approach asked for",
     "too_low": "lower than the least height",
+    "on_another_object": "on another object than the best",
     "beyond_the_best": "beyond the best that were asked for",
 }
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -12,13 +13,15 @@ from numpy.typing import NDArray
 
 from neugrasp.detection.candidates import Candidates
 from neugrasp.detection.decode import Selection
+from neugrasp.detection.options import DetectorOptions
+from neugrasp.detection.registry import weights_facts
 from neugrasp.errors import InputError
 from neugrasp.geometry.fusion import Grid
 from neugrasp.geometry.pose import Array
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper, gripper_hash
-from neugrasp.model.evaluator_file import load_evaluator
+from neugrasp.model.evaluator_file import find_evaluator, load_evaluator
 from neugrasp.model.grasp_evaluator import FineGrid, GraspEvaluator, boxes, numbers
 
 OPENING_DEPTHS = (-0.012, -0.004, 0.004)
@@ -133,6 +136,15 @@ class Judge:
         first, last = inside.argmax(axis=1), len(y) - 1 - inside[:, ::-1].argmax(axis=1)
         found: Array = np.where(inside.any(axis=1), y[last] - y[first], 0.0)
         return found
+
+
+def judge_facts(options: DetectorOptions, workspace: Workspace) -> dict[str, Any]:
+    """Name, hash and settings of the evaluator that options name."""
+    path = find_evaluator(options.evaluator)
+    facts = weights_facts(path, 0.0)
+    judge = asdict(Judge.load(path, options.gripper, workspace, options.threshold).config)
+    told = {"evaluator": facts["weights"], "evaluator_sha256": facts["weights_sha256"]}
+    return {**told, "judge": judge, "threshold": judge["threshold"]}
 
 
 def apart(poses: Array, said: NDArray[np.floating], distance: float, most: int) -> list[int]:

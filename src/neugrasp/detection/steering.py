@@ -2,85 +2,105 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
+from neugrasp.data.photo_files import read_image
+from neugrasp.detection.contract import Detection
+from neugrasp.detection.options import Steering
+from neugrasp.detection.things import nearest, things_in
 from neugrasp.errors import InputError
-
-if TYPE_CHECKING:
-    from neugrasp.detection.detector import Detection
-    from neugrasp.geometry.workspace import Workspace
-    from neugrasp.grasp import Grasp
-
-Box = tuple[float, float, float, float, float, float]
-Cone = tuple[float, float, float, float]
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.grasp import Grasp, Grasps
+from neugrasp.observation import Views
 
 
-@dataclass(frozen=True, kw_only=True)
-class Steering:
-    """What a grasp must satisfy besides; everything in the world of the scene."""
+def steered(detection: Detection, steering: Steering, views: Views | None = None) -> Detection:
+    """The detection with the wanted grasps alone, the others counted by reason.
 
-    region: Box | None = None
-    """Box in which the point between the fingertips must lie: x, y and z from, x, y and z to, metres."""
-    approach: Cone | None = None
-    """Direction x, y, z in which the hand may move to the grasp, and by how many degrees it may deviate:
-    0 0 -1 30 is from above."""
-    min_height: float | None = None
-    """Least height of the point between the fingertips above the table, metres."""
-    top: int | None = None
-    """So many grasps at most, the best."""
+    A mask needs the `views`. Raises `InputError` where it does not belong to one of them, or one object is
+    wanted of a detector without a surface.
+    """
+    is_masked = _masked(steering, views)
+    kept, rejected = detection.grasps, dict(detection.rejected)
 
-    def __post_init__(self) -> None:
-        if self.region is not None and not all(self.region[i] < self.region[i + 3] for i in range(3)):
-            raise InputError(f"--region {_words(self.region)}: give the lower corner, then the upper one")
-        if self.approach is not None:
-            *direction, degrees = self.approach
-            if not 0 < float(np.linalg.norm(direction)) < np.inf or not 0 < degrees <= 180:
-                raise InputError(
-                    f"--approach {_words(self.approach)}: a direction that is not 0, then 0 to 180 degrees"
-                )
-        if self.top is not None and self.top < 1:
-            raise InputError(f"--top {self.top}: must be at least 1")
+    def those(is_wanted: Callable[[Grasp], bool]) -> Callable[[Grasps], Grasps]:
+        return lambda grasps: grasps[np.array([is_wanted(grasp) for grasp in grasps], dtype=bool)]
 
-    def applied(self, detection: Detection, workspace: Workspace) -> Detection:
-        """The detection with the wanted grasps alone, the others counted by reason."""
-        kept, rejected = detection.grasps, dict(detection.rejected)
-        rules = {
-            "outside_the_region": self._is_inside,
-            "from_another_side": self._is_approached,
-            "too_low": lambda grasp: self._is_high(grasp, workspace),
-        }
-        for reason, is_wanted in rules.items():
-            wanted = tuple(grasp for grasp in kept if is_wanted(grasp))
-            if len(wanted) < len(kept):
-                rejected[reason] = len(kept) - len(wanted)
-            kept = wanted
-        if self.top is not None and len(kept) > self.top:
-            rejected["beyond_the_best"] = len(kept) - self.top
-            kept = kept[: self.top]
-        return replace(detection, grasps=kept, rejected=rejected)
-
-    def _is_inside(self, grasp: Grasp) -> bool:
-        if self.region is None:
-            return True
-        low, high = np.array(self.region[:3]), np.array(self.region[3:])
-        return bool(np.all((grasp.position >= low) & (grasp.position <= high)))
-
-    def _is_approached(self, grasp: Grasp) -> bool:
-        if self.approach is None:
-            return True
-        *direction, degrees = self.approach
-        cosine = grasp.approach @ np.array(direction) / np.linalg.norm(direction)
-        return bool(np.degrees(np.arccos(np.clip(cosine, -1, 1))) <= degrees + 1e-9)
-
-    def _is_high(self, grasp: Grasp, workspace: Workspace) -> bool:
-        if self.min_height is None:
-            return True
-        up, origin = workspace.world_from_workspace[:3, 2], workspace.world_from_workspace[:3, 3]
-        return bool((grasp.position - origin) @ up - workspace.table_height >= self.min_height)
+    rules: dict[str, Callable[[Grasps], Grasps]] = {
+        "outside_the_region": those(lambda grasp: _is_inside(steering, grasp)),
+        "outside_the_mask": those(is_masked),
+        "from_another_side": those(lambda grasp: _is_approached(steering, grasp)),
+        "too_low": those(lambda grasp: _is_high(steering, grasp, detection.workspace)),
+        "on_another_object": lambda grasps: _on_one(grasps, detection) if steering.one_object else grasps,
+        "beyond_the_best": lambda grasps: grasps[: steering.top],
+    }
+    for reason, wanted in rules.items():
+        left = wanted(kept)
+        if len(left) < len(kept):
+            rejected[reason] = len(kept) - len(left)
+        kept = left
+    return replace(detection, grasps=kept, rejected=rejected)
 
 
-def _words(numbers: tuple[float, ...]) -> str:
-    return " ".join(f"{number:g}" for number in numbers)
+def check_mask(steering: Steering, views: Views) -> None:
+    """Raises `InputError` where the mask does not belong to one of the views."""
+    _masked(steering, views)
+
+
+def _on_one(grasps: Grasps, detection: Detection) -> Grasps:
+    """Those of the object that the best one is at."""
+    if len(grasps) < 2:
+        return grasps
+    workspace = detection.workspace
+    things = things_in(detection.grid(), workspace)
+    at = np.array([nearest(things, grasp.position, workspace) for grasp in grasps])
+    return grasps[at == at[0]]
+
+
+def _masked(steering: Steering, views: Views | None) -> Callable[[Grasp], bool]:
+    """Whether a grasp is seen where the mask is bright."""
+    if steering.mask is None:
+        return lambda _: True
+    number, file = steering.mask
+    if views is None or not 0 <= number < len(views):
+        count = 0 if views is None else len(views)
+        raise InputError(f"--mask {number} {file}: there are views 0 to {count - 1}")
+    bright, camera = read_image(file, "--mask").max(axis=2) > 127, views.frames[number].camera
+    if bright.shape != (camera.height, camera.width):
+        raise InputError(
+            f"--mask {number} {file}: {bright.shape[1]} x {bright.shape[0]} pixels; photo {number} has "
+            f"{camera.width} x {camera.height}"
+        )
+
+    def is_masked(grasp: Grasp) -> bool:
+        (column, row), depth = camera.project(grasp.position)
+        column, row = round(float(column)), round(float(row))
+        inside = depth > 0 and 0 <= row < bright.shape[0] and 0 <= column < bright.shape[1]
+        return bool(inside and bright[row, column])
+
+    return is_masked
+
+
+def _is_inside(steering: Steering, grasp: Grasp) -> bool:
+    if steering.region is None:
+        return True
+    low, high = np.array(steering.region[:3]), np.array(steering.region[3:])
+    return bool(np.all((grasp.position >= low) & (grasp.position <= high)))
+
+
+def _is_approached(steering: Steering, grasp: Grasp) -> bool:
+    if steering.approach is None:
+        return True
+    *direction, degrees = steering.approach
+    cosine = grasp.approach @ np.array(direction) / np.linalg.norm(direction)
+    return bool(np.degrees(np.arccos(np.clip(cosine, -1, 1))) <= degrees + 1e-9)
+
+
+def _is_high(steering: Steering, grasp: Grasp, workspace: Workspace) -> bool:
+    if steering.min_height is None:
+        return True
+    up, origin = workspace.world_from_workspace[:3, 2], workspace.world_from_workspace[:3, 3]
+    return bool((grasp.position - origin) @ up - workspace.table_height >= steering.min_height)

@@ -27,7 +27,7 @@ from neugrasp.doctor.problems import (
 from neugrasp.doctor.shot import NETWORK_SIZE
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import inverse
-from neugrasp.views import Views
+from neugrasp.observation import Views
 
 OFF_CENTRE = Limits(0.08, 0.30)
 """Distance of the principal point from the middle, in widths and heights of a photo that is not cropped."""
@@ -53,7 +53,7 @@ ENLARGED = Limits(2.8, 8.5)
 
 def check_intrinsics(capture: Capture) -> tuple[Capture, list[Finding]]:
     """Whether the intrinsics belong to the photos; the capture with those of another resolution scaled."""
-    cameras = [view.camera for view in capture.views.views]
+    cameras = [view.camera for view in capture.views.frames]
     whole = [i for i, camera in enumerate(cameras) if camera.sensed is None]
     factors = {i: _other_resolution(cameras[i]) for i in whole}
     wrong = tuple(i for i in whole if factors[i] is not None)
@@ -64,7 +64,7 @@ def check_intrinsics(capture: Capture) -> tuple[Capture, list[Finding]]:
         text = f"the principal point is the middle of a photo of {size}, this one has {here}"
         mended = [
             replace(view, camera=_scaled(view.camera, 1 / (factors[i] or 1.0))) if i in wrong else view
-            for i, view in enumerate(capture.views.views)
+            for i, view in enumerate(capture.views.frames)
         ]
         where = named(wrong, len(cameras))
         return capture.with_views(mended), [Finding("intrinsics", Level.RED, text, OTHER_RESOLUTION, where)]
@@ -115,7 +115,7 @@ def _field_of_view(cameras: Sequence[Camera]) -> Finding:
 
 def check_coverage(views: Views) -> list[Finding]:
     """How much of the cube how many views see, from how far apart, from where, and how large."""
-    cameras = [view.camera.moved(inverse(views.workspace.world_from_workspace)) for view in views.views]
+    cameras = [view.camera.moved(inverse(views.workspace.world_from_workspace)) for view in views.frames]
     return [
         _seen(cameras, views),
         _size_in_photo(cameras, views),

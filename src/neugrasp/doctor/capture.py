@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from neugrasp.data.photo_files import orientation
-from neugrasp.data.scene_folder import FILE, photo_of, read_json, view_of, workspace_of
+from neugrasp.data.scene_folder import FILE, read_json, view_of, workspace_of
 from neugrasp.doctor.findings import Finding, Level, Problem, green
-from neugrasp.doctor.problems import INTRINSICS_UNIT, NOT_RIGID, ROTATION_TAG, TRANSPOSED, UNITS, UNREADABLE
+from neugrasp.doctor.photo_tags import check_tags
+from neugrasp.doctor.problems import INTRINSICS_UNIT, NOT_RIGID, TRANSPOSED, UNITS, UNREADABLE
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import is_rigid
-from neugrasp.views import MAX_VIEWS, View, Views
+from neugrasp.observation import MAX_VIEWS, View, Views
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Capture:
 
     def with_views(self, views: list[View]) -> Capture:
         """The same capture with other photos or cameras."""
-        return replace(self, views=replace(self.views, views=tuple(views)))
+        return replace(self, views=replace(self.views, frames=tuple(views)))
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def read_capture(path: Path) -> Reading:
     capture = (
         Capture(Views(tuple(views), workspace), tuple(numbers), tuple(range(len(views)))) if views else None
     )
-    findings += _turned(file.parent, [entries[number] for number in numbers])
+    findings += check_tags(file.parent, [entries[number] for number in numbers], views)
     return Reading(capture, tuple(findings), data, mended=data != written)
 
 
@@ -140,21 +140,7 @@ def _sizes(views: list[View]) -> str:
     return f"{2 * len(views)} photos, " + ", ".join(f"{width} x {height}" for width, height in sizes)
 
 
-def rotation_tags(folder: Path) -> list[Finding]:
-    """Of the photos of a readable scene."""
-    return _turned(folder, read_json(folder / FILE)["views"])
-
-
-def _turned(folder: Path, entries: list[Any]) -> list[Finding]:
-    """The photos whose file says that they are to be shown turned."""
-    turned = [
-        name
-        for number, entry in enumerate(entries)
-        for name in (
-            entry[key]
-            for key in ("image", "background")
-            if orientation(photo_of(folder, entry, key, f"view {number}"), f"view {number}")
-        )
-    ]
-    text = f"EXIF orientation is not 1 in {', '.join(turned)}"
-    return [Finding("rotation tag", Level.YELLOW, text, ROTATION_TAG)] if turned else []
+def tags_of(views: Views) -> list[Finding]:
+    """What the photos of a scene that `read_scene` gave say of themselves."""
+    folder = Path(views.source)
+    return check_tags(folder, read_json(folder / FILE)["views"], views.frames)

@@ -22,7 +22,7 @@ from neugrasp.doctor.table import comparable, mean_correlation, table_pictures
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array, inverse
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.views import Views
+from neugrasp.observation import Views
 
 NEAREST, FARTHEST = 0.1, 3.0
 """Metres between a camera and the middle of the table."""
@@ -81,7 +81,7 @@ def _is_same(one: Views, other: Views) -> bool:
 
 def _poses(views: Views) -> Array:
     """The cube and all cameras (1 + n, 4, 4)."""
-    cameras = [view.camera.world_from_camera for view in views.views]
+    cameras = [view.camera.world_from_camera for view in views.frames]
     return np.stack([views.workspace.world_from_workspace, *cameras])
 
 
@@ -96,7 +96,7 @@ def understood(views: Views, interpretation: Interpretation, only: Sequence[bool
     """The scene with the chosen views, and the cube, read another way."""
     changed = [
         replace(view, camera=interpretation.camera(view.camera)) if is_meant else view
-        for view, is_meant in zip(views.views, only, strict=True)
+        for view, is_meant in zip(views.frames, only, strict=True)
     ]
     return Views(tuple(changed), interpretation.workspace(views.workspace))
 
@@ -104,7 +104,7 @@ def understood(views: Views, interpretation: Interpretation, only: Sequence[bool
 def plausible(views: Views, share: float = SEEN) -> list[bool]:
     """For each view whether its camera stands above the table, at a possible distance, and sees enough of the
     cube."""
-    return [_plausible(view.camera, views.workspace, share) for view in views.views]
+    return [_plausible(view.camera, views.workspace, share) for view in views.frames]
 
 
 def _plausible(camera: Camera, workspace: Workspace, share: float) -> bool:
@@ -163,7 +163,7 @@ def _unexplained(views: Views, good: list[bool]) -> list[Finding]:
         return [Finding("convention", Level.RED, text, ONE_VIEW_MISSES, bad)]
     below = [
         (inverse(views.workspace.world_from_workspace) @ v.camera.world_from_camera)[2, 3]
-        for v in views.views
+        for v in views.frames
     ]
     if all(height < views.workspace.table_height for height in below):
         text = f"cameras {views.workspace.table_height - max(below):.2f} m below the table"
@@ -173,5 +173,5 @@ def _unexplained(views: Views, good: list[bool]) -> list[Finding]:
 
 def _distances(views: Views) -> str:
     middle = views.workspace.to_world(views.workspace.centre)
-    distances = [float(np.linalg.norm(view.camera.centre - middle)) for view in views.views]
+    distances = [float(np.linalg.norm(view.camera.centre - middle)) for view in views.frames]
     return f"cameras {min(distances):.3g} to {max(distances):.3g} m from the table"

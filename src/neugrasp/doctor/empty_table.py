@@ -13,7 +13,7 @@ from neugrasp.doctor.problems import NOT_EMPTY
 from neugrasp.doctor.shot import Mask, shots_of
 from neugrasp.doctor.table import STEP, TablePicture, comparable, table_pictures
 from neugrasp.geometry.pose import Array
-from neugrasp.views import Views
+from neugrasp.observation import Views
 
 ITEM = "empty table"
 WINDOW = 0.006

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from neugrasp.doctor.camera_findings import check_coverage, check_intrinsics
-from neugrasp.doctor.capture import Capture, Reading, read_capture, rotation_tags
+from neugrasp.doctor.capture import Capture, Reading, read_capture, tags_of
 from neugrasp.doctor.convention import check_convention, plausible
 from neugrasp.doctor.empty_table import check_empty_table
 from neugrasp.doctor.findings import Finding, Level, verdict, worst
@@ -18,7 +18,7 @@ from neugrasp.doctor.problems import BACKGROUND_DIFFERS, MIRRORED, SHIFTED
 from neugrasp.doctor.shot import shots_of
 from neugrasp.doctor.silhouettes import check_silhouettes
 from neugrasp.doctor.table_checks import check_table, check_table_quickly
-from neugrasp.views import Views
+from neugrasp.observation import Views
 
 Look = Callable[[Capture], tuple[Capture, list[Finding]]]
 """Checks of cameras that look at the cube, and the capture with certain mistakes undone."""
@@ -68,10 +68,11 @@ def examine(capture: Capture) -> Diagnosis:
 def examine_read(views: Views, thoroughly: bool = False) -> Diagnosis:
     """Of a scene as `read_scene` gave it, with what its files say.
 
-    By default by what costs next to nothing and decides: conventions, units, intrinsics, coverage, rotation
-    tags, equal photos, and whether the photos agree about the table.
+    By default by what costs next to nothing and decides: conventions, units, intrinsics, coverage, what
+    photos say of themselves (rotation, focal length), equal photos, and whether the photos agree about the
+    table.
     """
-    reading = Reading(Capture.of(views), tuple(rotation_tags(Path(views.source))))
+    reading = Reading(Capture.of(views), tuple(tags_of(views)))
     return _examine(reading, _look if thoroughly else _glance)
 
 

@@ -160,7 +160,7 @@ def _tilt(trial: Trial, flat: Explanation) -> Iterator[Explanation]:
 
 def _lenses(trial: Trial) -> Iterator[Explanation]:
     """Another focal length, or intrinsics of another resolution, of all views or of the odd one."""
-    views = trial.capture.views.views
+    views = trial.capture.views.frames
     for problem, scale, factors in (
         (FOCAL_LENGTH, _focal_scaled, FOCAL_FACTORS),
         (OTHER_RESOLUTION, _all_scaled, RESOLUTION_FACTORS),
@@ -191,7 +191,7 @@ def _all_scaled(intrinsics: Array, factor: float) -> Array:
 
 def _orders(trial: Trial) -> Iterator[Explanation]:
     """Poses exchanged among the views."""
-    views, workspace = trial.capture.views.views, trial.capture.views.workspace
+    views, workspace = trial.capture.views.frames, trial.capture.views.workspace
     count = len(views)
     if not 2 <= count <= MOST_VIEWS_PERMUTED:
         return
@@ -223,7 +223,7 @@ def _turns(trial: Trial) -> Iterator[Explanation]:
             replace(view, image=turn(view.image), background=turn(view.background))
             if i in trial.meant
             else view
-            for i, view in enumerate(views.views)
+            for i, view in enumerate(views.frames)
         ]
-        agreement = trial.agreement(shots_of(replace(views, views=tuple(turned))))
+        agreement = trial.agreement(shots_of(replace(views, frames=tuple(turned))))
         yield Explanation(MIRRORED, f"photos {name}", agreement, None, trial.named)

@@ -8,7 +8,8 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from neugrasp.data.scene_folder import FILE
+from neugrasp.data.scene_folder import FILE, photo_of
+from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.doctor.capture import Capture
 from neugrasp.doctor.examination import Diagnosis, examine
 from neugrasp.doctor.findings import Level
@@ -16,7 +17,7 @@ from neugrasp.errors import InputError
 
 
 def write_fixed(diagnosis: Diagnosis, scene: Path, out: Path) -> None:
-    """Writes the capture with every certain mistake undone into the new folder `out`.
+    """Writes the capture with every certain mistake undone into the new folder `out`, whole or not at all.
 
     Raises `InputError` where nothing is certain, where a photo cannot be read, or where `out` is in use.
     """
@@ -37,13 +38,16 @@ def write_fixed(diagnosis: Diagnosis, scene: Path, out: Path) -> None:
     if out.exists() and any(out.iterdir()):
         raise InputError(f"{out}: is not empty; name a new folder for the corrected copy")
     data = _corrected(diagnosis, diagnosis.capture)
-    names = {entry[key] for entry in data["views"] for key in ("image", "background")}
-    for name in sorted(names):
-        target = out / name
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(folder / name, target)
-    # What makes the folder a scene comes last.
-    (out / FILE).write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+    with whole_or_nothing(out, (FILE,)) as part:
+        for number, entry in enumerate(data["views"]):
+            for key in ("image", "background"):
+                photo = photo_of(folder, entry, key, f"view {number}")
+                # As it is found here: a name that was written on Windows may have backslashes.
+                entry[key] = photo.relative_to(folder).as_posix()
+                target = part / entry[key]
+                target.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(photo, target)
+        (part / FILE).write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
 
 
 def _badness(diagnosis: Diagnosis) -> tuple[int, ...]:
@@ -57,7 +61,7 @@ def _corrected(diagnosis: Diagnosis, capture: Capture) -> dict[str, Any]:
     data = copy.deepcopy(diagnosis.data)
     data["workspace"]["world_from_workspace"] = capture.views.workspace.world_from_workspace.tolist()
     written = diagnosis.data["views"]
-    for i, (view, entry) in enumerate(zip(capture.views.views, data["views"], strict=True)):
+    for i, (view, entry) in enumerate(zip(capture.views.frames, data["views"], strict=True)):
         entry["world_from_camera"] = view.camera.world_from_camera.tolist()
         entry["intrinsics"] = view.camera.intrinsics.tolist()
         entry["background"] = written[capture.backgrounds[i]]["background"]

@@ -15,7 +15,7 @@ from neugrasp.doctor.problems import BACKGROUND_DIFFERS, EXCHANGED, MIRRORED, SA
 from neugrasp.doctor.registration import Shift, shift_between, texture
 from neugrasp.doctor.shot import Plane, Shot, grey, shots_of
 from neugrasp.doctor.table import comparable, mean_correlation, table_pictures
-from neugrasp.views import View
+from neugrasp.observation import View
 
 SHIFT = Limits(0.3, 1.5)
 """Pixels of the network's crop."""
@@ -47,14 +47,16 @@ def check_pairs(capture: Capture) -> tuple[Capture, list[Finding]]:
     shots = [shot for shot in shots_of(capture.views) if shot.index in still]
     if not any(finding.level == Level.RED for finding in findings) and (text := _exchanged(shots, capture)):
         findings.append(Finding(ITEM, Level.RED, text, EXCHANGED))
-        turned = [replace(view, image=view.background, background=view.image) for view in capture.views.views]
+        turned = [
+            replace(view, image=view.background, background=view.image) for view in capture.views.frames
+        ]
         capture = replace(capture.with_views(turned), exchanged=not capture.exchanged)
     return capture, findings
 
 
 def check_equal(capture: Capture) -> list[Finding]:
     """Red where an image is its own background; nothing to say otherwise."""
-    views = capture.views.views
+    views = capture.views.frames
     same = [i for i, view in enumerate(views) if np.array_equal(view.image, view.background)]
     text = "image and background are equal"
     return [Finding(ITEM, Level.RED, text, SAME_PHOTO, named(same, len(views)))] if same else []
@@ -90,7 +92,7 @@ def _edges(picture: Plane, shot: Shot) -> float:
 def _placed(capture: Capture, shots: list[Shot], shifts: list[Shift]) -> tuple[Capture, list[Finding]]:
     """The shift between image and background of every view; where there is none to be found, whose it is."""
     textured = [_is_textured(shot) for shot in shots]
-    owner = _owners(capture.views.views)
+    owner = _owners(capture.views.frames)
     lost = [i for i, s in enumerate(shifts) if i in owner or (textured[i] and s.agreement < MATCH)]
     known = [i for i, shift in enumerate(shifts) if shift.agreement >= MATCH and i not in lost]
     findings: list[Finding] = []
@@ -125,7 +127,7 @@ def _foreign(
     capture: Capture, shots: list[Shot], lost: list[int], owner: dict[int, int]
 ) -> tuple[Capture, list[Finding]]:
     """Views whose background is not theirs: whose it is, or whether one of the two is mirrored."""
-    views = list(capture.views.views)
+    views = list(capture.views.frames)
     swapped = tuple(i for i in lost if i in owner)
     findings = []
     if swapped:
@@ -182,7 +184,7 @@ def _cut(photo: np.ndarray, shot: Shot) -> Plane:
 
 
 def _with_backgrounds(capture: Capture, order: list[int]) -> Capture:
-    views = capture.views.views
+    views = capture.views.frames
     changed = [replace(view, background=views[j].background) for view, j in zip(views, order, strict=True)]
     backgrounds = tuple(capture.backgrounds[j] for j in order)
     return replace(capture.with_views(changed), backgrounds=backgrounds)

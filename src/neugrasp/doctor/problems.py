@@ -115,6 +115,12 @@ ROTATION_TAG = Problem(
     "programs differ.",
     "Store the photos upright without the tag (or `exiftran -ai`), and calibrate on the same files",
 )
+OTHER_LENS = Problem(
+    "Photos were taken with another focal length",
+    "Phones exchange lenses, and zoom, by themselves; a photo says in its EXIF tags at which focal length it "
+    "was taken. At the double of the right focal length no grasp holds.",
+    "Calibrate the camera at the lens and the zoom of the capture, and keep both from photo to photo",
+)
 MIRRORED = Problem(
     "Photos are mirrored",
     "Front cameras and some drivers mirror or turn the picture; no pose can make up for that.",

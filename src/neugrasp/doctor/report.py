@@ -13,9 +13,9 @@ from neugrasp.doctor.light import different, drift_of
 from neugrasp.doctor.shot import Shot, shots_of
 from neugrasp.doctor.table import table_colours
 from neugrasp.geometry.workspace import Workspace
+from neugrasp.observation import Image, Views
 from neugrasp.pictures.cube import draw_cube
 from neugrasp.pictures.page import badge, marked, page, pictures, section, table, text
-from neugrasp.views import Image, Views
 
 VERDICTS = {
     Level.GREEN: "Nothing to say against this capture.",
@@ -55,7 +55,7 @@ def findings_table(findings: Sequence[Finding]) -> str:
 
 def _drawn(views: Views) -> list[tuple[Image, str]]:
     figures = []
-    for i, view in enumerate(views.views):
+    for i, view in enumerate(views.frames):
         for photo, what in ((view.image, "image"), (view.background, "background")):
             figures.append((draw_cube(photo, view.camera, views.workspace), f"view {i}, {what}"))
     return figures

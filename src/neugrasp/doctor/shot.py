@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull, QhullError
 from neugrasp.geometry.camera import Box, Camera
 from neugrasp.geometry.pose import Array, inverse
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.views import Image, View, Views
+from neugrasp.observation import Image, View, Views
 
 NETWORK_SIZE = 256
 """Pixels of the crop that the network reads; lengths in a shot are in such pixels."""
@@ -50,7 +50,7 @@ class Shot:
 
 def shots_of(views: Views) -> list[Shot]:
     """All views of a scene."""
-    return [shot_of(view, i, views.workspace) for i, view in enumerate(views.views)]
+    return [shot_of(view, i, views.workspace) for i, view in enumerate(views.frames)]
 
 
 def shot_of(view: View, index: int, workspace: Workspace) -> Shot:

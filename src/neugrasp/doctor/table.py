@@ -19,7 +19,7 @@ from neugrasp.doctor.shot import Mask, Shot, grey
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array, inverse
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.views import Image, Views
+from neugrasp.observation import Image, Views
 
 STEP = 0.0015
 """Metres between the points of the table that are compared; about a pixel of the network."""
@@ -94,7 +94,7 @@ def coarse_pictures(views: Views) -> list[TablePicture]:
     workspace = views.workspace
     pixels = workspace.size / COARSE_STEP
     pictures = []
-    for view in views.views:
+    for view in views.frames:
         camera = view.camera.moved(inverse(workspace.world_from_workspace))
         crop = np.array(workspace.photo_box(camera)).reshape(2, 2)
         factor = max(1, int((crop[1] - crop[0]).max() / pixels))

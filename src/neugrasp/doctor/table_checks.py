@@ -33,6 +33,8 @@ OFFSET = Limits(0.003, 0.015)
 glass and steel (docs/capture.md), nearly all hold up to 11 mm, four of five at 20, two of five at 40."""
 FAR = 0.02
 """Metres beyond which a shift is not believed of tables that agree unshifted."""
+UNSEEN = "poses that are 4 degrees wrong, with which most grasps fail, may go unseen"
+"""Of plain tables and single views (docs/capture.md)."""
 HOPELESS = 0.2
 """Correlation below which the cameras have nothing to do with the photos."""
 
@@ -87,7 +89,7 @@ def check_table_quickly(capture: Capture) -> tuple[Capture, list[Finding]]:
 def _unknown(count: int) -> Finding:
     """Of so many views that cannot be compared."""
     why = "too little texture on the table" if count > 1 else "fewer than two views to compare"
-    return not_measured("table", why, POSES_UNCHECKED)
+    return not_measured("table", f"{why}; {UNSEEN}", POSES_UNCHECKED)
 
 
 def _as_given(pairs: list[Agreement]) -> Finding:

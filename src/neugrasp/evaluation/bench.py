@@ -9,21 +9,21 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from neugrasp.baselines.depth_noise import NoisyDepth
+from neugrasp.detection.registry import DEPTH, TRUTH, detector_spec
 from neugrasp.errors import InputError, WriteError
 from neugrasp.evaluation.cells import background_folder
 from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.declutter import Game, declutter
-from neugrasp.evaluation.detector_registry import detector_spec
 from neugrasp.evaluation.episode import CRASHED, Episode
+from neugrasp.evaluation.folder import workspace_of
 from neugrasp.evaluation.protocols import protocol_of, strategy_of
 from neugrasp.evaluation.rounds import Round, Rounds
 from neugrasp.evaluation.witness import SimulatedWitness
 from neugrasp.geometry.pose import Array
-from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
 from neugrasp.robot.interface import Camera, Robot
 from neugrasp.robot.simulated import SimulatedRobot
-from neugrasp.robot.simulated_cameras import DepthCamera, PhotoCamera, TruthCamera
+from neugrasp.robot.simulated_cameras import DepthCamera, PhotoCamera, RgbdCamera, TruthCamera
 from neugrasp.robot.simulated_stereo import StereoCamera
 from neugrasp.simulation.cell_photos import Photographer, backgrounds
 from neugrasp.simulation.objects import ObjectLibrary, ObjectModel
@@ -37,7 +37,7 @@ log = logging.getLogger(__name__)
 def needs_photographer(config: Evaluate) -> bool:
     """Whether anything has to be rendered for the detector."""
     observes = detector_spec(config.detector).observes
-    return observes == "photos" or (observes == "depth" and config.depth == "stereo")
+    return "image" in observes or (observes == DEPTH and config.depth == "stereo")
 
 
 @dataclass(frozen=True)
@@ -70,9 +70,10 @@ class Bench:
         )
         friction = self.rules.object_friction
         library = self._library if friction is None else _SameFriction(self._library, friction)
-        self.world = World(Workspace(), library, Gripper.load(config.gripper))
         self._spec = detector_spec(config.detector)
-        self._detector = self._spec.load(config)
+        workspace = workspace_of(self._spec.facts(config.options()))
+        self.world = World(workspace, library, Gripper.load(config.gripper))
+        self._detector = self._spec.load(config.options())
         strategy = self.rules.strategy if config.strategy == "protocol" else config.strategy
         up: Array = self.world.workspace.world_from_workspace[:3, 2]
         self._game = Game(self.rules, strategy_of(strategy), self._rounds.choice_rng, up)
@@ -106,19 +107,24 @@ class Bench:
 
     def _camera(self, fixed: Round, robot: SimulatedRobot, truth: TruthCamera) -> Camera[Any]:
         """The eyes of the detector; only measuring sticks get the truth."""
-        if self._spec.observes == "photos":
+        observes = self._spec.observes
+        if observes == TRUTH:
+            return truth
+        noise = NoisyDepth(self.config.seed) if self.config.depth == "noisy" else None
+        if "image" in observes:
             assert self._photographer is not None
             folder = background_folder(fixed.cell, RenderSettings(samples=self.config.samples))
             empty = backgrounds(fixed.cell, folder, self._photographer, self._library)
-            return PhotoCamera(
+            photos = PhotoCamera(
                 robot, fixed.cell, empty, self._photographer, self._library, self.world.workspace
             )
-        if self._spec.observes == "depth":
-            if self.config.depth == "stereo":
-                assert self._photographer is not None
-                return StereoCamera(
-                    robot, fixed.cell, fixed.sensors, self._photographer, self._library, self.world.workspace
-                )
-            noise = NoisyDepth(self.config.seed) if self.config.depth == "noisy" else None
-            return DepthCamera(self.world, fixed.sensors, noise)
-        return truth
+            if "depth" not in observes:
+                return photos
+            depths = DepthCamera(self.world, fixed.cell.cameras[: fixed.cell.num_inputs], noise)
+            return RgbdCamera(photos, depths)
+        if self.config.depth == "stereo":
+            assert self._photographer is not None
+            return StereoCamera(
+                robot, fixed.cell, fixed.sensors, self._photographer, self._library, self.world.workspace
+            )
+        return DepthCamera(self.world, fixed.sensors, noise)

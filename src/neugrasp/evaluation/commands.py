@@ -5,7 +5,9 @@ from __future__ import annotations
 import shlex
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
+
+from neugrasp.detection.options import DetectorOptions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -13,11 +15,13 @@ class Evaluate:
     """Clears tables in simulation and counts: SR, FSR, DR and L1, with intervals. Goes on where it
     stopped."""
 
+    doing: ClassVar[str] = "clearing tables, a minute or so each"
+
     out: Path
     """Where metrics.json, attempts.jsonl and rounds/ are written."""
     detector: str = "neugrasp"
-    """neugrasp, vgn, or one of your own as package.module:NAME; oracle and antipodal are told the true
-    surface: measuring sticks, no detectors."""
+    """neugrasp, vgn, or one of your own by name or as package.module:NAME (docs/benchmark.md); oracle and
+    antipodal are told the true surface: measuring sticks, no detectors."""
     scene: Literal["packed", "pile", "single"] = "packed"
     """How the objects lie."""
     materials: Literal["transparent-specular", "diffuse", "mixed", "specular", "transparent"] = (
@@ -58,6 +62,23 @@ class Evaluate:
     """The same seed gives the same rounds and the same metrics, whatever the number of workers."""
     workers: int | None = None
     """Processes that share the rounds; by default one per core."""
+    device: str = "cpu"
+    """Where the detector computes: cpu, cuda, cuda:1."""
+    precision: Literal["float32", "bfloat16"] = "float32"
+    """Of the detector's products."""
+
+    def options(self) -> DetectorOptions:
+        """What the detector is told."""
+        return DetectorOptions(
+            weights=self.weights,
+            gripper=self.gripper,
+            threshold=self.threshold,
+            hand_check=self.hand_check,
+            evaluator=self.evaluator,
+            seed=self.seed,
+            device=self.device,
+            precision=self.precision,
+        )
 
     @property
     def object_sets(self) -> tuple[str, ...]:
@@ -69,7 +90,8 @@ class Evaluate:
         words = ["neugrasp", "evaluate", "--out", "OUT"]
         for field in fields(self):
             value = getattr(self, field.name)
-            if field.name in ("out", "workers") or field.default is MISSING or value == field.default:
+            is_usual = field.default is MISSING or value == field.default
+            if is_usual or field.name in ("out", "workers", "device"):
                 continue
             if field.name == "objects":
                 value = "OBJECTS"
@@ -79,50 +101,36 @@ class Evaluate:
             words += [f"--no-{name}"] if value is False else [f"--{name}", str(value)]
         return shlex.join(words)
 
-    def run(self) -> str:
-        """Plays what is missing; the table of the whole."""
-        from neugrasp.evaluation.run import evaluate
-        from neugrasp.evaluation.tables import metrics_table
-
-        return metrics_table(evaluate(self)) + f"\n\n{self.out / 'metrics.json'}"
-
 
 @dataclass(frozen=True)
 class Compare:
     """Two evaluations of the same rounds, paired: difference, interval and p."""
+
+    doing: ClassVar[str] = "comparing"
 
     a: Path
     """What `neugrasp evaluate` wrote."""
     b: Path
     """The other one."""
 
-    def run(self) -> str:
-        """The table of the differences."""
-        from neugrasp.evaluation.compare import compare
-        from neugrasp.evaluation.tables import comparison_table
-
-        return comparison_table(compare(self.a, self.b))
-
 
 @dataclass(frozen=True)
 class Failures:
     """At which objects and materials the grasps of an evaluation failed, and why."""
+
+    doing: ClassVar[str] = "looking at what failed"
 
     evaluation: Path
     """What `neugrasp evaluate` wrote."""
     objects: Path | None = None
     """The folder of URDF objects that the evaluation was made with."""
 
-    def run(self) -> str:
-        """The table. An object is the grasp's whose collision shape is nearest to the TCP."""
-        from neugrasp.evaluation.failures import aimed_grasps, failures_table
-
-        return failures_table(aimed_grasps(self.evaluation, self.objects))
-
 
 @dataclass(frozen=True)
 class Story:
     """A round of an evaluation as one HTML file: what was seen, what was tried, what came of it."""
+
+    doing: ClassVar[str] = "playing the round again"
 
     evaluation: Path
     """What `neugrasp evaluate` wrote."""
@@ -135,27 +143,17 @@ class Story:
     photos: Literal["auto", "yes", "no"] = "auto"
     """Whether photos are rendered for it (needs Blender); auto: where the detector saw photos."""
 
-    def run(self) -> str:
-        """The file's name."""
-        from neugrasp.evaluation.story import write_story
-
-        return str(write_story(self))
-
 
 @dataclass(frozen=True)
 class Results:
     """The page of results from the metrics.json files of many evaluations."""
 
+    doing: ClassVar[str] = "writing the page"
+
     folder: Path = Path("docs/results")
     """Where NAME.json, or NAME/metrics.json, lie."""
     out: Path = Path("docs/results.md")
     """The page."""
-
-    def run(self) -> str:
-        """The page's name."""
-        from neugrasp.evaluation.results import write_results
-
-        return str(write_results(self.folder, self.out))
 
 
 @dataclass(frozen=True)
@@ -165,6 +163,8 @@ class Validate:
     One attempt from each untouched scene, beside the same grasp head on the true surface and random antipodal
     grasps on it. Goes on where it stopped.
     """
+
+    doing: ClassVar[str] = "reading the scenes"
 
     data: tuple[Path, ...]
     """Folders made by `neugrasp generate`, or of shards packed from them."""
@@ -183,10 +183,7 @@ class Validate:
     on nothing."""
     seed: int = 0
     """Of the random antipodal grasps."""
-
-    def run(self) -> str:
-        """The table, and where the numbers are."""
-        from neugrasp.evaluation.held_out import run_held_out
-        from neugrasp.evaluation.held_out_table import held_out_table
-
-        return f"{held_out_table(run_held_out(self))}\n\n{self.out / 'held_out.json'}"
+    device: str = "cpu"
+    """Where the network computes: cpu, cuda, cuda:1."""
+    precision: Literal["float32", "bfloat16"] = "float32"
+    """Of its products."""

@@ -9,16 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp.errors import InputError
+from neugrasp.evaluation.commands import Compare
 from neugrasp.evaluation.episode import Episode
 from neugrasp.evaluation.folder import facts_of, played
 from neugrasp.evaluation.protocols import protocol_of
 from neugrasp.evaluation.scores import RESAMPLES, first_succeeded
+from neugrasp.evaluation.tables import comparison_table
 from neugrasp.long_runs import CONTENTS
+from neugrasp.terminal import next_step
 
 SAME = ("protocol", "scene", "seed", "objects_sha256", "gripper")
 """What both evaluations must agree in; materials, views and detectors may be what is compared."""
 Counts = NDArray[np.float64]
 """(rounds, 2): the part and the whole that a round adds to a pooled rate."""
+
+
+def run(config: Compare) -> str:
+    """`neugrasp compare`: the table of the differences."""
+    return f"{comparison_table(compare(config.a, config.b))}\n{next_step('failures', config.b)}"
 
 
 def compare(a: Path, b: Path) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from neugrasp.detection.detector import Detection, Stopwatch
+from neugrasp.detection.contract import Detection, Detector, Stopwatch
 from neugrasp.evaluation.episode import (
     EMPTY,
     FAILED_TOO_OFTEN,
@@ -26,15 +26,6 @@ from neugrasp.robot.interface import Robot
 from neugrasp.robot.pick import CARRIED_AWAY, Pick, pick
 
 Seen = TypeVar("Seen")
-SeenBy = TypeVar("SeenBy", contravariant=True)
-
-
-class Finder(Protocol[SeenBy]):
-    """Finds grasps in what a robot's camera delivers. For photos this is `detection.detector.Detector`."""
-
-    def detect(self, views: SeenBy, /) -> Detection:
-        """Ranked grasps of a scene, best first."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -114,7 +105,7 @@ class _Play:
 
 
 def declutter(
-    game: Game, index: int, robot: Robot[Seen], detector: Finder[Seen], witness: Witness
+    game: Game, index: int, robot: Robot[Seen], detector: Detector[Seen], witness: Witness
 ) -> Episode:
     """Plays round `index` to its end."""
     play = _Play(game, index, robot, witness)

@@ -10,11 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from neugrasp.errors import InputError
+from neugrasp.evaluation.commands import Failures
 from neugrasp.evaluation.episode import Attempt
-from neugrasp.evaluation.folder import library_of, played, scene_of
-from neugrasp.geometry.workspace import Workspace
+from neugrasp.evaluation.folder import facts_of, library_of, played, scene_of, workspace_of
+from neugrasp.progress import counted
 from neugrasp.robot.pick import REASONS, SUCCESS
 from neugrasp.simulation.physics import World
+from neugrasp.terminal import next_step
 
 
 @dataclass(frozen=True)
@@ -27,15 +29,23 @@ class Aimed:
     """One of `robot.pick.REASONS`."""
 
 
+def run(config: Failures) -> str:
+    """`neugrasp failures`: the table."""
+    objects = [] if config.objects is None else ["--objects", config.objects]
+    table = failures_table(aimed_grasps(config.evaluation, config.objects))
+    return f"{table}\n{next_step('story', config.evaluation, 0, *objects)}"
+
+
 def aimed_grasps(evaluation: Path, objects: Path | None = None) -> list[Aimed]:
     """Every executed grasp of an evaluation with its object, in order.
 
     Raises `InputError` where there is no evaluation, its objects are not given, or its rounds do not say what
     lay on the table.
     """
-    with World(Workspace(), library_of(evaluation, objects)) as world:
+    workspace = workspace_of(facts_of(evaluation))
+    with World(workspace, library_of(evaluation, objects)) as world:
         attempts = [attempt for episode in played(evaluation) for attempt in episode.attempts]
-        return [_aimed(world, attempt, evaluation) for attempt in attempts]
+        return [_aimed(world, attempt, evaluation) for attempt in counted(attempts, "attempts")]
 
 
 def _aimed(world: World, attempt: Attempt, evaluation: Path) -> Aimed:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from neugrasp.data.fields import Fields
 from neugrasp.data.strict_json import read_json
 from neugrasp.errors import InputError
 from neugrasp.evaluation.episode import CRASHED, Episode, read_episode
+from neugrasp.geometry.workspace import Workspace
 from neugrasp.simulation.objects import KINDS, ObjectLibrary
 from neugrasp.simulation.scene import Scene, scene_from_json
 
@@ -35,6 +36,11 @@ def facts_of(folder: Path, needs: Collection[str] = ()) -> dict[str, Any]:
     if "samples" in fields.data:
         fields.whole("samples", 1, 2**16)
     return fields.data
+
+
+def workspace_of(facts: Mapping[str, Any]) -> Workspace:
+    """The cube of an evaluation: its detector's, where that has one of its own. Raises `InputError`."""
+    return Workspace.from_dict(facts.get("workspace", {}), "the evaluation's workspace")
 
 
 def played(folder: Path) -> list[Episode]:

@@ -12,7 +12,7 @@ import logging
 import math
 import zlib
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -29,16 +29,18 @@ from neugrasp.detection.decode import select_grasps
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Validate
-from neugrasp.geometry.workspace import Workspace
+from neugrasp.evaluation.held_out_table import held_out_table
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import gripper_hash
 from neugrasp.long_runs import CONTENTS, begun_as, held
 from neugrasp.metrics import CONSTANTS, l1_by_mask, wilson_interval
 from neugrasp.model.checkpoint import find_weights
 from neugrasp.output import naming, write_text
+from neugrasp.progress import counted
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.trials import execute
+from neugrasp.terminal import next_step
 from neugrasp.training.samples import plain_sample
 from neugrasp.training.validation import validate
 
@@ -90,13 +92,13 @@ def attempts_of(
 
 def find_grasps(
     name: str, record: Record, detector: NeuGraspDetector, rng: np.random.Generator
-) -> tuple[Grasp, ...]:
+) -> Sequence[Grasp]:
     """Grasps of one of `DETECTORS`, best first, workspace frame."""
     if name == "neugrasp":
         return detector.detect(record.views()).grasps
     if name == "oracle":
         return oracle_grasps(record.tsdf, detector)
-    found = antipodal_grasp(record.tsdf, Workspace(), detector.gripper, rng)
+    found = antipodal_grasp(record.tsdf, record.workspace, detector.gripper, rng)
     return () if found is None else (found,)
 
 
@@ -104,6 +106,13 @@ def oracle_grasps(tsdf: np.ndarray, detector: NeuGraspDetector) -> tuple[Grasp, 
     """What the grasp head finds on a true TSDF (r, r, r) in [-1, 1]."""
     prediction = predict_grasps(detector.model.head, tsdf)
     return select_grasps(prediction, detector.model.workspace, detector.gripper, detector.selection).grasps
+
+
+def run(config: Validate) -> str:
+    """`neugrasp validate`: the table, and where the numbers are."""
+    table = held_out_table(run_held_out(config))
+    then = next_step("evaluate", "--weights", config.weights, "--out", f"{config.out}_rounds")
+    return f"{table}\n\n{config.out / 'held_out.json'}\n{then}"
 
 
 def run_held_out(run: Validate) -> dict[str, Any]:
@@ -114,10 +123,21 @@ def run_held_out(run: Validate) -> dict[str, Any]:
     """
     records = _read_all(run.data)
     detector = NeuGraspDetector.load(
-        run.weights, run.gripper, threshold=run.threshold, hand_check=run.hand_check
+        run.weights,
+        run.gripper,
+        run.device,
+        threshold=run.threshold,
+        hand_check=run.hand_check,
+        precision=run.precision,
     )
     sets = sorted({body.object_set for record in records for body in record.scene.bodies})
     library = ObjectLibrary.open(sets, run.objects)
+    for record in records:
+        if record.workspace.cube != detector.model.workspace.cube:
+            raise InputError(
+                f"{record.name}: is about {record.workspace.describe()}; the weights were trained for "
+                f"{detector.model.workspace.describe()}"
+            )
     facts = _describe(run, detector.selection.threshold)
     with held(run.out, "validate"):
         begun_as(run.out / "run.json", facts, "validation", young=CONTENTS)
@@ -135,8 +155,11 @@ def _try_missing(
     path = run.out / "attempts.jsonl"
     finished = _finished(path)
     missing = [record for record in records if record.name not in finished]
-    with World(Workspace(), library, detector.gripper) as world, path.open("a") as file:
-        for index, record in enumerate(missing):
+    with (
+        World(detector.model.workspace, library, detector.gripper) as world,
+        path.open("a", encoding="utf-8") as file,
+    ):
+        for index, record in enumerate(counted(missing, "records")):
             rng = np.random.default_rng([run.seed, zlib.crc32(record.name.encode())])
             lines = [json.dumps(asdict(attempt)) for attempt in attempts_of(record, detector, world, rng)]
             with naming(path):
@@ -155,6 +178,11 @@ def _read_all(folders: tuple[Path, ...]) -> list[Record]:
         raise InputError(f"record {doubled[0]!r} is in two of the folders; names must differ")
     if not records:
         raise InputError("no records to validate on")
+    if blind := [record.name for record in records if not record.has_photos]:
+        raise InputError(
+            f"{len(blind)} of {len(records)} scenes have no photos, {blind[0]} among them; a detector needs "
+            "some: `neugrasp generate` without --no-photos"
+        )
     return records
 
 
@@ -194,7 +222,7 @@ def _finished(path: Path) -> set[str]:
 def _summarise(records: list[Record], detector: NeuGraspDetector, path: Path) -> dict[str, Any]:
     names = {record.name for record in records}
     groups: dict[str, list[dict[str, Any]]] = defaultdict(list)
-    for attempt in map(json.loads, path.read_text().splitlines()):
+    for attempt in map(json.loads, path.read_text(encoding="utf-8").splitlines()):
         if attempt["record"] in names:
             groups[f"{attempt['kind']}/{attempt['detector']}"].append(attempt)
     success = {name: _rate(group) for name, group in sorted(groups.items())}
@@ -204,7 +232,7 @@ def _summarise(records: list[Record], detector: NeuGraspDetector, path: Path) ->
     size = detector.model.config.image_size
     scores = {}
     for material, some in sorted(by_material.items()):
-        samples = [plain_sample(record, Workspace(), size) for record in some]
+        samples = [plain_sample(record, record.workspace, size) for record in some]
         means = validate(detector.model, samples, 400.0) | _constants(some)
         # JSON has no NaN: what no record has, such as the AUC of labels that all failed, is null.
         defined = {name: value if math.isfinite(value) else None for name, value in means.items()}

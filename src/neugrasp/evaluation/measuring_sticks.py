@@ -7,17 +7,25 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from neugrasp.baselines.antipodal import antipodal_grasp
-from neugrasp.baselines.vgn import INSIDE, vgn_selection
+from neugrasp.baselines.vgn import INSIDE, is_vgn, load_vgn_head, vgn_facts, vgn_selection
 from neugrasp.detection.ask_head import predict_grasps
+from neugrasp.detection.contract import Detection
 from neugrasp.detection.decode import SelectionConfig, select_grasps
-from neugrasp.detection.detector import Detection
+from neugrasp.detection.detector import facts_of, threshold_of
 from neugrasp.detection.hand_check import HandCheck
-from neugrasp.detection.judge import Judge
+from neugrasp.detection.judge import Judge, judge_facts
+from neugrasp.detection.options import DetectorOptions
+from neugrasp.detection.registry import TRUTH, DetectorSpec
+from neugrasp.geometry.workspace import USUAL
+from neugrasp.grasp import Grasps
 from neugrasp.gripper import Gripper
+from neugrasp.model.checkpoint import load_checkpoint
 from neugrasp.model.grasp_head import GraspHead
 from neugrasp.robot.simulated_cameras import Truth
 
@@ -45,8 +53,15 @@ class Oracle:
             prediction = predict_grasps(self.head, tsdf)
             chosen = select_grasps(prediction, truth.workspace, self.gripper, config)
         placed = truth.workspace.world_from_workspace
-        grasps = tuple(grasp.moved(placed) for grasp in chosen.grasps)
-        return Detection(grasps, tsdf, chosen.rejected, chosen.best_rejected, {})
+        return Detection(
+            Grasps.of(grasp.moved(placed) for grasp in chosen.grasps),
+            truth.workspace,
+            self.gripper,
+            tsdf,
+            chosen.rejected,
+            chosen.best_rejected,
+            self.threshold,
+        )
 
 
 @dataclass(frozen=True)
@@ -60,9 +75,15 @@ class JudgedTruth:
         tsdf = truth.tsdf.values
         chosen = self.judge.find(tsdf, truth.workspace)
         placed = truth.workspace.world_from_workspace
-        grasps = tuple(grasp.moved(placed) for grasp in chosen.grasps)
-        threshold = self.judge.config.threshold
-        return Detection(grasps, tsdf, chosen.rejected, chosen.best_rejected, {}, threshold)
+        return Detection(
+            Grasps.of(grasp.moved(placed) for grasp in chosen.grasps),
+            truth.workspace,
+            self.judge.gripper,
+            tsdf,
+            chosen.rejected,
+            chosen.best_rejected,
+            self.judge.config.threshold,
+        )
 
 
 @dataclass(frozen=True)
@@ -81,5 +102,38 @@ class Antipodal:
             antipodal_grasp(tsdf, truth.workspace, self.gripper, rng) for _ in range(self.num_candidates)
         )
         placed = truth.workspace.world_from_workspace
-        grasps = tuple(grasp.moved(placed) for grasp in drawn if grasp is not None)
-        return Detection(grasps, tsdf, {"not_antipodal": self.num_candidates - len(grasps)}, 1.0, {})
+        grasps = Grasps.of(grasp.moved(placed) for grasp in drawn if grasp is not None)
+        rejected = {"not_antipodal": self.num_candidates - len(grasps)}
+        return Detection(grasps, truth.workspace, self.gripper, tsdf, rejected)
+
+
+def _oracle(options: DetectorOptions) -> Oracle:
+    gripper = Gripper.load(options.gripper)
+    if is_vgn(options.weights):
+        threshold = SelectionConfig.threshold if options.threshold is None else options.threshold
+        return Oracle(load_vgn_head(Path(options.weights)), gripper, threshold, is_vgn=True)
+    checkpoint = load_checkpoint(options.weights)
+    hand = HandCheck(gripper) if options.hand_check else None
+    threshold = threshold_of(checkpoint, options.threshold)
+    return Oracle(checkpoint.model().head, gripper, threshold, is_vgn=False, hand=hand)
+
+
+def _oracle_facts(options: DetectorOptions) -> dict[str, Any]:
+    return vgn_facts(options) if is_vgn(options.weights) else facts_of(options)
+
+
+def _judged(options: DetectorOptions) -> JudgedTruth:
+    return JudgedTruth(Judge.load(options.evaluator, options.gripper, USUAL, options.threshold))
+
+
+def _judged_facts(options: DetectorOptions) -> dict[str, Any]:
+    return judge_facts(options, USUAL)
+
+
+def _antipodal(options: DetectorOptions) -> Antipodal:
+    return Antipodal(Gripper.load(options.gripper), options.seed)
+
+
+ORACLE = DetectorSpec(TRUTH, _oracle, _oracle_facts)
+JUDGED = DetectorSpec(TRUTH, _judged, _judged_facts)
+ANTIPODAL = DetectorSpec(TRUTH, _antipodal)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from neugrasp.errors import InputError
+from neugrasp.execution import MIN_OPENING
 from neugrasp.geometry.pose import Array
 from neugrasp.grasp import Grasp
 
@@ -17,30 +18,42 @@ class Protocol:
     """How a round is run and counted."""
 
     name: str
-    min_opening: float
-    """Share of the largest opening that must remain between the fingers for a success (Panda: 8 cm)."""
     table_contact: bool
     """Whether the hand stops where it touches the table, or feels objects only."""
     count_silent_rounds: bool
     """Whether DR counts the objects of rounds in which nothing was ever attempted. FSR always counts them."""
     strategy: str
     """Which of the detected grasps is carried out, where the user does not say: one of `STRATEGIES`."""
-    threshold: float = 0.9
-    """Smoothed quality below which a detector's voxel is no grasp."""
     object_friction: float | None = None
     """Lateral friction of all objects; None: each object's own, 1 in all the published sets."""
     max_failures: int = 2
     """Failures in a row that end a round."""
     num_objects: int = 5
 
+    @property
+    def min_opening(self) -> float:
+        """Share of the largest opening that must remain between the fingers for a success (Panda: 8 cm)."""
+        return MIN_OPENING[self.name]
+
 
 PROTOCOLS = {
     "paper": Protocol(
-        "paper", min_opening=0.05, table_contact=True, count_silent_rounds=True, strategy="random"
+        "paper",
+        table_contact=True,
+        count_silent_rounds=True,
+        strategy="random",
     ),
-    "vgn": Protocol("vgn", min_opening=0.1, table_contact=True, count_silent_rounds=False, strategy="random"),
+    "vgn": Protocol(
+        "vgn",
+        table_contact=True,
+        count_silent_rounds=False,
+        strategy="random",
+    ),
     "graspnerf": Protocol(
-        "graspnerf", min_opening=0.1, table_contact=False, count_silent_rounds=False, strategy="random"
+        "graspnerf",
+        table_contact=False,
+        count_silent_rounds=False,
+        strategy="random",
     ),
 }
 """NeuGrasp's, VGN's and GraspNeRF's."""

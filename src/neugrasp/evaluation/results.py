@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from neugrasp.evaluation.ablation import CONTROL, ablation_table, scenes_table
+from neugrasp.evaluation.commands import Results
 from neugrasp.evaluation.metrics_file import read_metrics
 from neugrasp.evaluation.tables import l1_cell, rate_cell
 from neugrasp.output import write_text
@@ -58,6 +59,12 @@ PAPER = {
 }
 """Figures of the NeuGrasp paper's tables I and III by detector, scene, materials and strategy: its own rules,
 the released views, and for VGN the depth of a stereo sensor."""
+
+
+def run(config: Results) -> str:
+    """`neugrasp results`: the page's name, and what to do next."""
+    page = write_results(config.folder, config.out)
+    return f"{page}\nnext: docs/benchmark.md says what the columns mean and how a row is made again"
 
 
 def write_results(folder: Path, out: Path) -> Path:

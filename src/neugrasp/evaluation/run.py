@@ -14,23 +14,36 @@ from pathlib import Path
 from typing import Any
 
 from neugrasp.data.whole_or_nothing import whole_or_nothing
+from neugrasp.detection.registry import DEPTH, detector_spec
 from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Evaluate
-from neugrasp.evaluation.detector_registry import detector_spec
 from neugrasp.evaluation.episode import CRASHED, Episode, attempt_line, read_episode, write_episode
 from neugrasp.evaluation.metrics_file import FORMAT, VERSION
 from neugrasp.evaluation.protocols import protocol_of, strategy_of
 from neugrasp.evaluation.rounds import num_rounds
 from neugrasp.evaluation.scores import scores
+from neugrasp.evaluation.tables import metrics_table
 from neugrasp.evaluation.workers import MakePhotographer, play_all
 from neugrasp.geometry.view_sets import VIEW_SETS
 from neugrasp.gripper import Gripper, gripper_hash
 from neugrasp.long_runs import CONTENTS, begun_as, held, source_commit
 from neugrasp.metrics import wilson_interval
+from neugrasp.model.compute import Compute
+from neugrasp.progress import reached
+from neugrasp.simulation.infrared import infrared_renderer
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.renderer import Renderer, RenderSettings
+from neugrasp.terminal import next_step
 
 log = logging.getLogger(__name__)
+
+
+def run(config: Evaluate) -> str:
+    """`neugrasp evaluate`: the table of the whole, where the numbers are, and what to do next."""
+    table = metrics_table(evaluate(config))
+    objects = [] if config.objects is None else ["--objects", config.objects]
+    then = (next_step("failures", config.out, *objects), next_step("story", config.out, 0, *objects))
+    return "\n".join([table, "", str(config.out / "metrics.json"), *then])
 
 
 def evaluate(config: Evaluate, make_photographer: MakePhotographer | None = None) -> dict[str, Any]:
@@ -47,6 +60,7 @@ def evaluate(config: Evaluate, make_photographer: MakePhotographer | None = None
         kept = {episode.index for episode in found if episode.ending != CRASHED}
         missing = [index for index in range(wanted) if index not in kept]
         progress = _Progress(wanted, [e for e in found if e.index in kept])
+        reached("rounds", len(kept), wanted)
         with closing(play_all(config, missing, make_photographer or _photographer_for(config))) as played:
             for episode in played:
                 write_episode(_file(config.out, episode.index), episode)
@@ -59,9 +73,7 @@ def _file(out: Path, index: int) -> Path:
 
 
 def _photographer_for(config: Evaluate) -> MakePhotographer:
-    if config.depth == "stereo" and detector_spec(config.detector).observes == "depth":
-        from neugrasp.simulation.infrared import infrared_renderer
-
+    if config.depth == "stereo" and detector_spec(config.detector).observes == DEPTH:
         return infrared_renderer
     return partial(Renderer, settings=RenderSettings(samples=config.samples))
 
@@ -80,10 +92,13 @@ def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
     if config.threshold is not None and not 0 <= config.threshold <= 1:
         raise InputError(f"--threshold {config.threshold}; it must lie between 0 and 1")
     spec = detector_spec(config.detector)
-    if config.depth != "exact" and spec.observes != "depth":
+    if config.depth != "exact" and "depth" not in spec.observes:
         raise InputError(f"--depth {config.depth}: {config.detector} sees no depth")
-    if config.samples != Evaluate.samples and spec.observes != "photos":
+    if config.samples != Evaluate.samples and "image" not in spec.observes:
         raise InputError(f"--samples {config.samples}: {config.detector} sees no photos")
+    if config.depth == "stereo" and "image" in spec.observes:
+        raise InputError(f"--depth stereo: {config.detector} sees photos, too; its depth is exact or noisy")
+    Compute.of(config.device, config.precision)
     RenderSettings(samples=config.samples)  # refuses what is no power of two
     library = ObjectLibrary.open(config.object_sets, config.objects)
     choices = library.choices(config.split, config.scene)
@@ -94,8 +109,8 @@ def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
         "strategy": strategy,
         "protocol": config.protocol,
         "views": config.views,
-        "depth": config.depth if spec.observes == "depth" else None,
-        **({"samples": config.samples} if spec.observes == "photos" else {}),
+        "depth": config.depth if "depth" in spec.observes else None,
+        **({"samples": config.samples} if "image" in spec.observes else {}),
         "gripper": Gripper.load(config.gripper).name,
         "gripper_sha256": gripper_hash(config.gripper),
         "seed": config.seed,
@@ -103,7 +118,9 @@ def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
         "object_sets": list(config.object_sets),
         "objects_sha256": hashlib.sha256(json.dumps(choices).encode()).hexdigest(),
         "objects_content_sha256": library.content_hash(choices),
-        **spec.facts(config),
+        **spec.facts(config.options()),
+        # Only where it is not the usual one: evaluations of before it was an option go on.
+        **({"precision": config.precision} if config.precision != "float32" else {}),
     }
     return facts, num_rounds(config.scene, choices, config.rounds)
 
@@ -125,6 +142,7 @@ class _Progress:
         successes = sum(attempt.success for attempt in attempts)
         low, high = (100 * edge for edge in wilson_interval(successes, len(attempts)))
         rate = self.played / (time.monotonic() - self.start)
+        reached("rounds", len(self.episodes), self.total)
         log.info(
             "%d of %d rounds, SR %.1f %% (%.1f to %.1f), %.0f rounds an hour, %.0f min left",
             len(self.episodes),

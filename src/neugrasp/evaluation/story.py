@@ -17,21 +17,23 @@ from neugrasp.errors import InputError
 from neugrasp.evaluation.cells import background_folder
 from neugrasp.evaluation.commands import Story
 from neugrasp.evaluation.episode import Attempt, Episode, read_episode
-from neugrasp.evaluation.folder import NEEDED, facts_of, library_of, scene_of
+from neugrasp.evaluation.folder import NEEDED, facts_of, library_of, scene_of, workspace_of
 from neugrasp.evaluation.rounds import Round, Rounds
 from neugrasp.geometry.pose import from_quaternion
-from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
+from neugrasp.observation import Image, View
 from neugrasp.output import whole_file
 from neugrasp.pictures.overlay import draw_grasps, photo_of_workspace
+from neugrasp.pictures.score_scale import colour_of_outcome
+from neugrasp.progress import counted
 from neugrasp.robot.pick import SUCCESS
 from neugrasp.simulation.cell_photos import Photographer, backgrounds
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.renderer import Renderer, RenderSettings
 from neugrasp.simulation.scene import Scene
-from neugrasp.views import Image, View
+from neugrasp.terminal import next_step
 
 WIDTH = 300
 """Pixels of a picture."""
@@ -42,6 +44,13 @@ COLOURS = np.array(
 STYLE = """body{font:15px/1.4 system-ui,sans-serif;margin:2em auto;max-width:1300px;padding:0 1em;color:#222}
 .attempt{border-left:6px solid #c0392b;padding:0 0 .5em 1em;margin:1.5em 0}.attempt.good{border-color:#27ae60}
 .row{display:flex;flex-wrap:wrap;gap:8px}figure{margin:0}img{display:block;max-width:100%}figcaption{color:#666}"""
+
+
+def run(config: Story) -> str:
+    """`neugrasp story`: the file's name, and what to do next."""
+    objects = [] if config.objects is None else ["--objects", config.objects]
+    then = next_step("view", config.evaluation, "--round", config.round, *objects)
+    return f"{write_story(config)}\n{then}"
 
 
 def write_story(story: Story, photographer: Photographer | None = None) -> Path:
@@ -63,7 +72,7 @@ def write_story(story: Story, photographer: Photographer | None = None) -> Path:
         stage = _Stage(facts, library, photographer if wants_photos else None)
         closing.enter_context(stage.world)
         fixed = stage.fixed(episode.index)
-        pictures = [stage.pictures(fixed, a.before, _grasp(a)) for a in episode.attempts]
+        pictures = [stage.pictures(fixed, a.before, a) for a in counted(episode.attempts, "attempts")]
         left = stage.pictures(fixed, episode.left, None)
         part.write_text("\n".join(_page(facts, episode, pictures, left)), encoding="utf-8")
     return out
@@ -81,7 +90,7 @@ class _Stage:
         self.gripper = Gripper.load(facts["gripper"])
         self._photographer = photographer
         self._library = library
-        self.world = World(Workspace(), self._library, self.gripper)
+        self.world = World(workspace_of(facts), self._library, self.gripper)
         self._rounds = Rounds.of_facts(facts, self._library)
         self._settings = _settings(facts)
 
@@ -89,21 +98,24 @@ class _Stage:
         """What is fixed about a round."""
         return self._rounds.make(index, self.world)
 
-    def pictures(self, fixed: Round, lying: dict[str, Any] | None, grasp: Grasp | None) -> list[Image]:
-        """What lay on the table at a moment, from every view, with the chosen grasp; none where none lay."""
+    def pictures(self, fixed: Round, lying: dict[str, Any] | None, attempt: Attempt | None) -> list[Image]:
+        """What lay on the table at a moment, from every view, with the chosen grasp, green where it held and
+        red where it did not; none where none lay."""
         if lying is None or not lying.get("bodies"):
             return []
         scene = scene_of(lying)
         self.world.reset(scene)
         views = self._photos(fixed, scene) if self._photographer else self._shapes(fixed)
-        return [draw_grasps(view, [grasp] if grasp else [], self.gripper, WIDTH) for view in views]
+        grasps = [] if attempt is None else [_grasp(attempt)]
+        colours = [] if attempt is None else [colour_of_outcome(attempt.success)]
+        return [draw_grasps(view, grasps, self.gripper, WIDTH, colours) for view in views]
 
     def _photos(self, fixed: Round, scene: Scene) -> list[View]:
         assert self._photographer is not None
         cell = fixed.cell
         empty = backgrounds(cell, background_folder(cell, self._settings), self._photographer, self._library)
         photos = self._photographer.render(cell, scene, self._library, range(cell.num_inputs))
-        return [View(p, b, c) for p, b, c in zip(photos, empty, cell.cameras, strict=False)]
+        return [View(c, p, b) for p, b, c in zip(photos, empty, cell.cameras, strict=False)]
 
     def _shapes(self, fixed: Round) -> list[View]:
         """Pictures from depth alone: one colour for each body, lit along the line of sight."""
@@ -114,7 +126,7 @@ class _Stage:
             light = 1 / np.sqrt(1 + np.minimum(slope / np.maximum(depth, 0.1), 4.0) ** 2)
             colour = np.where(mask[..., None] > 0, COLOURS[1 + (mask - 1) % (len(COLOURS) - 1)], COLOURS[0])
             shaded = (colour * (0.35 + 0.65 * light[..., None]) * (mask >= 0)[..., None]).astype(np.uint8)
-            views.append(photo_of_workspace(View(shaded, shaded, camera), self.world.workspace, WIDTH))
+            views.append(photo_of_workspace(View(camera, shaded, shaded), self.world.workspace, WIDTH))
         return views
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from neugrasp.detection.detector import Detection
+from neugrasp.detection.contract import Detection
 from neugrasp.evaluation.declutter import Judgement
 from neugrasp.geometry.fusion import vgn_grid
 from neugrasp.metrics import CONSTANTS, l1_by_mask
@@ -24,7 +24,7 @@ class SimulatedWitness:
 
     def judge(self, detection: Detection) -> Judgement:
         """L1 by mask of the detected surface and of constant predictors."""
-        if not self.judges:
+        if not self.judges or detection.tsdf is None:
             return Judgement({}, {})
         true = 2 * vgn_grid(self.truth.look().tsdf) - 1
         constants = {f"{value:+.0f}": l1_by_mask(value, true) for value in CONSTANTS}

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
-
-from neugrasp.errors import InputError
+from typing import ClassVar, Literal
 
 
 @dataclass(frozen=True)
 class Export:
     """Grasps in the convention of another program (drawn in docs/conventions.md), in the world's frame."""
 
+    doing: ClassVar[str] = "writing the grasps"
+
     grasps: Path
     """A grasps.json of `neugrasp predict`, or the folder that holds it."""
-    format: Literal["graspnet", "vgn", "ros"] = "ros"
+    format: Literal["graspnet", "vgn", "ros", "ur"] = "ros"
     """graspnet: graspnetAPI's and AnyGrasp's rows of 17 numbers, .npy. vgn: VGN's and GIGA's, .csv.
-    ros: PoseStamped dictionaries for MoveIt, .json."""
+    ros: PoseStamped dictionaries for MoveIt, .json. ur: p[x, y, z, rx, ry, rz] of Universal Robots, .json."""
     out: Path | None = None
     """The file to write; by default beside GRASPS, named after the format."""
     gripper: str | None = None
@@ -26,20 +26,5 @@ class Export:
     frame_id: str | None = None
     """For ros: the name of your world in the tree of transforms; by default world."""
     link: Literal["tcp", "hand", "panda_link8"] | None = None
-    """For ros: what the poses are of, the TCP between the pads (by default), the hand's flange, or the last
-    link of the Panda's arm, which MoveIt moves."""
-
-    def run(self) -> str:
-        """How many grasps were written."""
-        from neugrasp.export import FILES
-        from neugrasp.exporters.exporting import SUFFIXES, export_file
-        from neugrasp.exporters.ros import Stamp
-
-        for option, value in (("--frame-id", self.frame_id), ("--link", self.link)):
-            if value is not None and self.format != "ros":
-                raise InputError(f"{option} is for --format ros; {self.format} files hold no such name")
-        stamp = Stamp(self.frame_id or "world", self.link or "tcp")
-        grasps = self.grasps / FILES[0] if self.grasps.is_dir() else self.grasps
-        out = self.out or grasps.with_name(f"{grasps.stem}_{self.format}{SUFFIXES[self.format][0]}")
-        count = export_file(grasps, out, self.format, self.gripper, stamp)
-        return f"{count} grasps in {out}"
+    """For ros and ur: what the poses are of, the TCP between the pads (by default), the hand's flange, or,
+    for ros, the last link of the Panda's arm, which MoveIt moves."""

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from neugrasp.data.npz import DAMAGE, reason_of
+from neugrasp.detection.files import FARTHEST
 from neugrasp.errors import InputError
-from neugrasp.export import FARTHEST
 from neugrasp.geometry.pose import Array, rigid
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper

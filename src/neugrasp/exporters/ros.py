@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from neugrasp.data.fields import Fields
 from neugrasp.data.strict_json import read_json
+from neugrasp.detection.files import FARTHEST, HIGHEST, width_of
 from neugrasp.errors import InputError
-from neugrasp.export import FARTHEST, HIGHEST, width_of
 from neugrasp.geometry.pose import Array, from_quaternion, inverse, rigid, to_quaternion
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
@@ -59,7 +59,8 @@ def _pose_of(message: Fields) -> Array:
 
 
 def encode(grasps: Sequence[Grasp], gripper: Gripper, stamp: Stamp) -> list[dict[str, Any]]:
-    """One dictionary for each grasp: id, grasp_pose and grasp_quality as in moveit_msgs/Grasp, and width.
+    """One dictionary for each grasp: id, grasp_pose and grasp_quality as in moveit_msgs/Grasp, the width, and
+    where the hand stands before and after.
 
     Raises `InputError` where the gripper has no such link.
     """
@@ -68,6 +69,8 @@ def encode(grasps: Sequence[Grasp], gripper: Gripper, stamp: Stamp) -> list[dict
         {
             "id": f"grasp_{i}",
             "grasp_pose": pose_stamped(grasp.pose @ tcp_from_link, stamp.frame_id),
+            "pre_grasp_pose": pose_stamped(grasp.pregrasp @ tcp_from_link, stamp.frame_id),
+            "retreat_pose": pose_stamped(grasp.retreat @ tcp_from_link, stamp.frame_id),
             "grasp_quality": float(grasp.score),
             "width": float(grasp.width),
         }

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
+from neugrasp.detection.files import FARTHEST
 from neugrasp.errors import InputError
-from neugrasp.export import FARTHEST
 from neugrasp.geometry.pose import Array, from_quaternion, to_quaternion
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper

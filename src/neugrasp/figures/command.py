@@ -4,13 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
-
-from neugrasp.errors import InputError
-from neugrasp.output import photos_in, whole_file
-
-if TYPE_CHECKING:
-    from neugrasp.views import Image
+from typing import ClassVar, Literal
 
 DEFAULT_SCENE = "packed_transparent"
 
@@ -23,6 +17,8 @@ class Figure:
     priors: surface and grasps with and without photos of the empty table (Fig. 5).
     trajectory: from where the photos are taken, and the way of the hand to the best grasp and back.
     """
+
+    doing: ClassVar[str] = "drawing, up to a minute"
 
     which: Literal["features", "priors", "trajectory"]
     """The figure to draw."""
@@ -41,37 +37,7 @@ class Figure:
     """The photo to draw, from 0."""
     seed: int = 0
     """For features: chooses the pixels that are embedded."""
-
-    def run(self) -> str:
-        """The name of the picture."""
-        from neugrasp.export import write_picture
-
-        if self.without is not None and self.which != "priors":
-            raise InputError(f"--without is for the figure priors; {self.which} shows one model")
-        out = self.out or Path("outputs/figures") / f"{self.which}.png"
-        if out.suffix.lower() != ".png":
-            raise InputError(f"--out {out}: figures are PNG files; give a name that ends with .png")
-        with whole_file(out, inputs=photos_in(Path(self.scene))) as part:
-            write_picture(part, self._draw())
-        return str(out)
-
-    def _draw(self) -> Image:
-        import numpy as np
-
-        from neugrasp.detection.detector import NeuGraspDetector
-        from neugrasp.figures.subject import open_subject
-
-        subject = open_subject(self.scene, self.view)
-        detector = NeuGraspDetector.load(self.weights, self.gripper)
-        if self.which == "features":
-            from neugrasp.figures.features import features_figure
-
-            return features_figure(subject, detector.model, np.random.default_rng(self.seed))
-        if self.which == "priors":
-            from neugrasp.figures.priors import priors_figure
-
-            other = None if self.without is None else NeuGraspDetector.load(self.without, self.gripper)
-            return priors_figure(subject, detector, other)
-        from neugrasp.figures.trajectory import trajectory_figure
-
-        return trajectory_figure(subject, detector.detect(subject.views), detector.gripper)
+    device: str = "cpu"
+    """Where PyTorch computes: cpu, cuda, cuda:1."""
+    precision: Literal["float32", "bfloat16"] = "float32"
+    """Of its products."""

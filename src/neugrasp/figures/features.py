@@ -16,8 +16,8 @@ from neugrasp.figures.subject import Subject
 from neugrasp.geometry.pose import Array
 from neugrasp.model.inputs import ViewTensors, prepare
 from neugrasp.model.network import NeuGrasp
+from neugrasp.observation import Image
 from neugrasp.pictures import Tile, contact_sheet
-from neugrasp.views import Image
 
 SIZE = 384
 """Pixels of a picture's edge."""

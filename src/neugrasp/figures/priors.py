@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from neugrasp.detection.detector import Detection, NeuGraspDetector
+from neugrasp.detection.contract import Detection
+from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
 from neugrasp.figures.subject import Subject
 from neugrasp.gripper import Gripper
 from neugrasp.metrics import l1_by_mask
+from neugrasp.observation import Image, View, Views
 from neugrasp.pictures import (
     Tile,
     contact_sheet,
@@ -21,7 +23,6 @@ from neugrasp.pictures import (
     photo_of_workspace,
     shade_surface,
 )
-from neugrasp.views import Image, View, Views
 
 SIZE = 320
 """Pixels of the longer side of a picture."""
@@ -95,8 +96,8 @@ TAKEN_AWAY: dict[str, Callable[[View], Image]] = {
 
 def replace_backgrounds(views: Views, change: Callable[[View], Image]) -> Views:
     """The same photos with other backgrounds."""
-    changed = tuple(replace(view, background=change(view)) for view in views.views)
-    return replace(views, views=changed)
+    changed = tuple(replace(view, background=change(view)) for view in views.frames)
+    return replace(views, frames=changed)
 
 
 def _given(subject: Subject, front: View, back: View) -> list[Tile]:
@@ -116,14 +117,14 @@ def _given(subject: Subject, front: View, back: View) -> list[Tile]:
 def _column(variant: Variant, subject: Subject, sides: tuple[View, View], gripper: Gripper) -> list[Tile]:
     """What one variant found, from above: grasps, surface, surface from the other side."""
     detection, workspace = variant.detection, subject.views.workspace
-    front, back = (shade_surface(detection.tsdf, workspace, side.camera, SIZE) for side in sides)
+    front, back = (shade_surface(detection.grid(), workspace, side.camera, SIZE) for side in sides)
     count = len(detection.grasps)
     found = (
         f"{count} grasp{'s' * (count > 1)}, best {detection.grasps[0].score:.2f}" if count else "no grasps"
     )
     error = ""
     if subject.truth is not None:
-        error = f"L1 {l1_by_mask(detection.tsdf, subject.truth.tsdf)[MASK]:.3f}"
+        error = f"L1 {l1_by_mask(detection.grid(), subject.truth.tsdf)[MASK]:.3f}"
     return [
         Tile(draw_grasps(sides[0], detection.grasps[:DRAWN], gripper, 1), variant.words),
         Tile(front, found),

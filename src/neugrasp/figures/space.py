@@ -9,7 +9,7 @@ from PIL import ImageDraw, ImageFont
 
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array
-from neugrasp.views import Image
+from neugrasp.observation import Image
 
 OVERSAMPLING = 2
 NEAR = 0.01

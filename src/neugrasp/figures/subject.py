@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from neugrasp.data.records import truth_from_bytes
 from neugrasp.data.scene_folder import read_scene
-from neugrasp.demo import demo_scenes
+from neugrasp.demo.bundled import demo_scenes
 from neugrasp.errors import InputError
-from neugrasp.views import View, Views
+from neugrasp.observation import View, Views
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Subject:
     @property
     def view(self) -> View:
         """The photo that is drawn."""
-        return self.views.views[self.index]
+        return self.views.frames[self.index]
 
 
 def open_subject(name: str, index: int) -> Subject:

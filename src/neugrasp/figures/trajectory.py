@@ -6,18 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from neugrasp.detection.detector import Detection
+from neugrasp.detection.contract import Detection
 from neugrasp.detection.explanation import explain
 from neugrasp.figures.space import OVERSAMPLING, Canvas, Colour
 from neugrasp.figures.sphere import eye_that_sees, from_spherical, spherical, way_between
 from neugrasp.figures.subject import Subject
 from neugrasp.geometry.pose import Array, apply, inverse
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.grasp import Grasp
+from neugrasp.grasp import APPROACH, Grasp
 from neugrasp.gripper import Gripper
+from neugrasp.observation import Image, View
 from neugrasp.pictures import Tile, contact_sheet, photo_of_workspace, shade_surface
-from neugrasp.robot.pick import APPROACH, retreat
-from neugrasp.views import Image, View
 
 SIZE = (620, 560)
 """Width and height of a picture."""
@@ -44,7 +43,7 @@ def trajectory_figure(subject: Subject, detection: Detection, gripper: Gripper) 
     the best grasp, at it, and after its retreat."""
     here = replace(subject.views.workspace, world_from_workspace=np.eye(4))
     from_world = inverse(subject.views.workspace.world_from_workspace)
-    photos = [photo_of_workspace(view, subject.views.workspace, 300) for view in subject.views.views]
+    photos = [photo_of_workspace(view, subject.views.workspace, 300) for view in subject.views.frames]
     photos = [replace(photo, camera=photo.camera.moved(from_world)) for photo in photos]
     places = spherical(np.array([photo.camera.centre for photo in photos]), here)
     polar, azimuth = np.rad2deg(places[:, :2]).T
@@ -71,7 +70,7 @@ def cameras_picture(photos: list[View], detection: Detection, workspace: Workspa
     shown += [centres + LABEL, *_dome(workspace, azimuth)]
     shown += [corners(photo) for photo in photos]
     eye = eye_that_sees(np.concatenate(shown), workspace, POLAR, azimuth + ASIDE, SIZE)
-    canvas = Canvas(shade_surface(detection.tsdf, workspace, eye, OVERSAMPLING * max(SIZE)), eye)
+    canvas = Canvas(shade_surface(detection.grid(), workspace, eye, OVERSAMPLING * max(SIZE)), eye)
     for line in _dome(workspace, azimuth):
         canvas.line(line, DOME, 1, 0.8)
     band = _band(workspace, azimuth)
@@ -100,7 +99,7 @@ def hand_picture(
     cube = workspace.corners(workspace.table_height, workspace.table_height + 0.05)
     shown = np.concatenate([cube, *(wire.reshape(-1, 3) for wire in wires)])
     eye = eye_that_sees(shown, workspace, polar, azimuth, SIZE)
-    canvas = Canvas(shade_surface(detection.tsdf, workspace, eye, OVERSAMPLING * max(SIZE)), eye)
+    canvas = Canvas(shade_surface(detection.grid(), workspace, eye, OVERSAMPLING * max(SIZE)), eye)
     tcp = [stage.position for stage, _ in stages]
     canvas.line(np.stack([tcp[0], tcp[2]]), BEFORE, 2, 0.9)
     canvas.line(np.stack([tcp[2], tcp[1]]), AFTER, 2, 0.9)
@@ -113,10 +112,9 @@ def hand_picture(
 
 def hand_stages(grasp: Grasp, gripper: Gripper) -> list[tuple[Grasp, Colour]]:
     """The hand open before the grasp, after the retreat, and at it, as `robot.pick` leads it."""
-    end = grasp.pose.copy()
-    end[:3, 3] = retreat(grasp, np.array([0.0, 0.0, 1.0]))
-    before = replace(grasp.advanced(-APPROACH), width=gripper.max_opening)
-    return [(before, BEFORE), (replace(grasp, pose=end), AFTER), (grasp, AT)]
+    before = replace(grasp, pose=grasp.pregrasp, width=gripper.max_opening)
+    after = replace(grasp, pose=replace(grasp, up=(0.0, 0.0, 1.0)).retreat)
+    return [(before, BEFORE), (after, AFTER), (grasp, AT)]
 
 
 def _best_side(flat: Array, toward: float) -> tuple[float, float]:

@@ -42,6 +42,17 @@ def to_quaternion(a_from_b: ArrayLike) -> Array:
     return -quaternion if quaternion[3] < 0 else quaternion
 
 
+def from_rotation_vector(vector: ArrayLike, translation: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+    """A transform from a rotation vector (along the axis, as long as the angle in radians) and metres."""
+    return rigid(Rotation.from_rotvec(vector).as_matrix(), translation)
+
+
+def to_rotation_vector(a_from_b: ArrayLike) -> Array:
+    """The rotation of a transform as a vector along its axis, as long as its angle, 0 to pi radians."""
+    vector: Array = Rotation.from_matrix(np.asarray(a_from_b, dtype=np.float64)[:3, :3]).as_rotvec()
+    return vector
+
+
 def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> Array:
     """`world_from_camera` of an OpenCV camera (x right, y down, z forward) at `eye` that looks at `target`.
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from neugrasp.data.fields import Fields
 from neugrasp.geometry.camera import Box, Camera
-from neugrasp.geometry.pose import Array, apply
+from neugrasp.geometry.pose import Array, apply, is_rigid
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -19,6 +20,9 @@ PHOTO_OUTLINE = ((0.0, 1.0), (1 / 3, 0.8), (2 / 3, 0.6))
 """What a crop must show: at a height above the table, in edges of the cube, a square about its middle, as a
 part of the cube's. Objects rarely stand tall at the rim: 0.4 % of what is occupied in settled scenes lies
 outside, and the crop is 1.4 times narrower than one of the whole cube up to half its height."""
+
+LENGTHS = ("size", "table_height", "truncation", "photo_height")
+"""Fields of a workspace in metres."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,12 @@ class Workspace:
     world_from_workspace: Array = field(default_factory=lambda: np.eye(4))
 
     @property
+    def up(self) -> tuple[float, float, float]:
+        """Unit vector away from the table, in the user's world."""
+        x, y, z = self.world_from_workspace[:3, 2].tolist()
+        return x, y, z
+
+    @property
     def voxel_size(self) -> float:
         """Edge of a voxel in metres."""
         return self.size / self.resolution
@@ -48,12 +58,48 @@ class Workspace:
         """Size, resolution, table height and truncation: everything but its place in the world."""
         return (self.size, self.resolution, self.table_height, self.truncation)
 
+    @classmethod
+    def with_edge(cls, size: float, resolution: int) -> Workspace:
+        """A cube of another size or resolution; a signed distance of 1 stays four voxels, the table where it
+        is. Raises `InputError` where the network could not take it."""
+        plain = {"size": size, "resolution": resolution, "truncation": 4 * size / resolution}
+        return cls.from_dict(plain, "the cube")
+
+    def unusual(self) -> dict[str, float | int]:
+        """What of the cube is not as in `USUAL`: what files write down beside its place."""
+        names = ("size", "resolution", "table_height", "truncation")
+        return {name: getattr(self, name) for name in names if getattr(self, name) != getattr(USUAL, name)}
+
     def describe(self) -> str:
         """The cube in words, for messages."""
         return (
             f"a cube of {self.size:g} m with {self.resolution} voxels an edge, its table at "
             f"{self.table_height:g} m and a truncation of {self.truncation:g} m"
         )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields as plain data."""
+        plain = {field.name: getattr(self, field.name) for field in fields(self)}
+        return plain | {"world_from_workspace": np.asarray(self.world_from_workspace).tolist()}
+
+    @classmethod
+    def from_dict(cls, data: Any, source: str = "a workspace") -> Workspace:
+        """The reverse of `to_dict`; what is missing is as usual. Raises `InputError` naming `source`."""
+        given = data if isinstance(data, Fields) else Fields(source, data)
+        given.only(field.name for field in fields(cls))
+        plain: dict[str, Any] = {
+            name: given.number(name, 1e-3, 10, "metres") for name in LENGTHS if name in given.data
+        }
+        if "resolution" in given.data:
+            plain["resolution"] = given.whole("resolution", 8, 256)
+            if plain["resolution"] % 8:
+                raise given.refuse("resolution", f"is {plain['resolution']}; it must be a multiple of 8")
+        if "world_from_workspace" in given.data:
+            pose = given.rows("world_from_workspace", 4, 1e9, "a 4 x 4 matrix")
+            if pose.shape != (4, 4) or not is_rigid(pose):
+                raise given.refuse("world_from_workspace", "is no rotation and translation in metres")
+            plain["world_from_workspace"] = pose
+        return cls(**plain)
 
     @property
     def centre(self) -> Array:
@@ -121,3 +167,7 @@ class Workspace:
     def to_world(self, points: ArrayLike) -> Array:
         """Workspace points (..., 3) in the world."""
         return apply(self.world_from_workspace, points)
+
+
+USUAL = Workspace()
+"""The cube of the paper: what files are about that do not say otherwise."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from neugrasp.data.camera_checks import numbers
 from neugrasp.data.known_keys import refuse_bends, warn_of_unknown
-from neugrasp.data.user_files import read_object
+from neugrasp.data.strict_json import read_object
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, rigid
 from neugrasp.geometry.workspace import Workspace
@@ -49,7 +49,7 @@ def read_alignment(file: Path) -> tuple[Alignment, Workspace]:
     {"metres_per_unit": 0.25, "world_from_reconstruction": POSE, "world_from_workspace": POSE}; the first two
     may be absent where the poses are metric and in the world already.
     """
-    data = read_object(file)
+    data = read_object(file, "an alignment")
     refuse_bends(data, KEYS, str(file), "say it as metres_per_unit and world_from_reconstruction")
     warn_of_unknown([data], KEYS, file, logger)
     metres = float(numbers(data.get("metres_per_unit", 1.0), (), f"{file}: metres_per_unit"))

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from neugrasp.geometry.pose import Array, apply, rigid, rotation_about
-from neugrasp.geometry.workspace import Workspace
+from neugrasp.geometry.workspace import USUAL, Workspace
 
 GAP = 0.02
 """Metres between the board and the cube where nothing else is said: paper is not gripped."""
@@ -128,7 +128,7 @@ class Board:
 
     def workspace(self) -> Workspace:
         """The cube in a world that is the board's frame."""
-        workspace = Workspace()
+        workspace = USUAL
         if self.board_from_workspace is not None:
             return Workspace(world_from_workspace=self.board_from_workspace)
         width, height = self.print.size

@@ -10,7 +10,7 @@ import numpy as np
 
 from neugrasp.data.camera_checks import numbers
 from neugrasp.data.known_keys import refuse_bends, warn_of_unknown
-from neugrasp.data.user_files import read_object
+from neugrasp.data.strict_json import read_object
 from neugrasp.errors import InputError
 from neugrasp.importers.board import Board, Charuco, Tag, Tags, Upright
 from neugrasp.importers.files import pose_of
@@ -37,7 +37,7 @@ def read_board(name: str) -> Board:
     if name == "default":
         return Board()
     file = Path(name)
-    data = read_object(file)
+    data = read_object(file, "a board")
     kind = data.get("kind")
     if kind not in ("charuco", "tags"):
         raise InputError(f"{file}: kind is {kind!r}; it must be 'charuco' or 'tags'")

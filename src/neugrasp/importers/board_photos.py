@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from neugrasp.data.photo_files import read_image
-from neugrasp.data.user_files import read_object
+from neugrasp.data.strict_json import read_object
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, apply, inverse
 from neugrasp.importers.board import Board
@@ -19,6 +19,7 @@ from neugrasp.importers.photo_folder import PhotoFolder
 from neugrasp.importers.photos import Pair
 from neugrasp.importers.robot_poses import camera_of
 from neugrasp.importers.shots import Shot
+from neugrasp.progress import counted
 
 STILL = 1.0
 """Pixels by which the board's corners may move between image and background of a camera that stood still."""
@@ -29,7 +30,7 @@ logger = logging.getLogger(__name__)
 def board_shots(folder: Path, pairs: Mapping[str, Pair], board: Board) -> list[Shot]:
     """The camera of every pair in the board's frame. Raises `InputError` where a photo shows no board."""
     lens = _lens(folder, pairs, board)
-    return [_shot(name, pair, lens, board) for name, pair in pairs.items()]
+    return [_shot(name, pair, lens, board) for name, pair in counted(pairs.items(), "photos")]
 
 
 def strangers(board: Board, pairs: Mapping[str, Pair]) -> str:
@@ -92,7 +93,7 @@ def _lens(folder: Path, pairs: Mapping[str, Pair], board: Board) -> Lens:
     """`camera.json` of the folder, or a calibration from the photos in `calibration` and the backgrounds."""
     file = folder / "camera.json"
     if file.exists():
-        return camera_of(read_object(file), file)
+        return camera_of(read_object(file, "a calibration of the camera"), file)
     files = [*PhotoFolder(folder / "calibration").photos, *(pair.background for pair in pairs.values())]
     try:
         lens = calibrate(board, [read_image(file, "the calibration") for file in files])

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Import:
     """Photos and cameras of other programs in, a scene folder out: whole, or nothing (docs/capture.md)."""
+
+    doing: ClassVar[str] = "reading photos and cameras"
 
     format: Literal["nerfstudio", "colmap", "robot", "board"]
     """nerfstudio: transforms.json, also of instant-ngp. colmap: a model, text or binary. robot: robot.json
@@ -29,28 +31,12 @@ class Import:
     alignment: Path | None = None
     """A JSON file that says it instead: world_from_workspace, metres_per_unit, world_from_reconstruction."""
 
-    def run(self) -> str:
-        """How many views the new scene has, and what to do next."""
-        from neugrasp.importers.importing import ImportRun, import_scene
-
-        views = import_scene(
-            ImportRun(
-                format=self.format,
-                source=self.source,
-                out=self.out,
-                images=self.images,
-                backgrounds=self.backgrounds,
-                chosen=self.views,
-                board=self.board,
-                alignment=self.alignment,
-            )
-        )
-        return f"{len(views)} views in {self.out}; check them with: neugrasp doctor {self.out}"
-
 
 @dataclass(frozen=True)
 class PrintBoard:
     """The board to print and lay on the table, as PDF or PNG, in its true size."""
+
+    doing: ClassVar[str] = "drawing the board"
 
     out: Path = Path("board.pdf")
     """The file to write, .pdf or .png."""
@@ -58,11 +44,3 @@ class PrintBoard:
     """default, or a board's JSON file (docs/data_format.md)."""
     paper: Literal["a4", "letter", "a3"] = "a4"
     """Laid on its side."""
-
-    def run(self) -> str:
-        """The file's name and how to print it."""
-        from neugrasp.importers.board_file import read_board
-        from neugrasp.importers.sheet import write_sheet
-
-        write_sheet(self.out, read_board(self.board), self.paper)
-        return f"{self.out}: print at 100 % (not: fit to page), then measure the line of 100 mm"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -19,6 +18,7 @@ from neugrasp.importers.alignment import align, read_alignment
 from neugrasp.importers.board_file import read_board
 from neugrasp.importers.board_photos import board_shots, sight, strangers
 from neugrasp.importers.colmap import read_model
+from neugrasp.importers.command import Import
 from neugrasp.importers.mistakes import check_poses, explained
 from neugrasp.importers.nerfstudio import check_motion, read_transforms
 from neugrasp.importers.photo_folder import PhotoFolder
@@ -26,35 +26,15 @@ from neugrasp.importers.photos import Pair, Photos
 from neugrasp.importers.robot_poses import read_robot
 from neugrasp.importers.shots import Listed, Shot, scene_of
 from neugrasp.importers.upright import settled
-from neugrasp.views import Views
+from neugrasp.observation import Views
+from neugrasp.terminal import next_step
 
 Format = Literal["nerfstudio", "colmap", "robot", "board"]
 
 logger = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, kw_only=True)
-class ImportRun:
-    """What is imported, and how."""
-
-    format: Format
-    source: Path
-    """transforms.json, robot.json, or a folder with one of them, with a COLMAP model or with photos."""
-    out: Path
-    """The new scene folder."""
-    images: Path | None = None
-    """The photos; by default `images` near the source, or its folder."""
-    backgrounds: Path | None = None
-    """Those of the empty table; by default `backgrounds` near the source."""
-    chosen: tuple[str, ...] = ()
-    """Names of the photos to use; all that have a background by default."""
-    board: str | None = None
-    """`default` or a board's file: the board is in the photos and says where the cube is."""
-    alignment: Path | None = None
-    """A file that says so instead."""
-
-
-def import_scene(run: ImportRun) -> Views:
+def import_scene(run: Import) -> Views:
     """Writes the scene folder, whole or not at all, and returns what is in it. Raises `InputError`."""
     if run.out.exists() and (not run.out.is_dir() or any(run.out.iterdir())):
         raise InputError(f"{run.out}: exists and is not empty; name a new folder for the scene")
@@ -68,7 +48,13 @@ def import_scene(run: ImportRun) -> Views:
     return views
 
 
-def _board_scene(run: ImportRun, photos: Photos) -> Views:
+def run(config: Import) -> str:
+    """`neugrasp import`: how many views the new scene has, and what to do next."""
+    views = import_scene(config)
+    return f"{len(views)} views in {config.out}\n{next_step('doctor', config.out)}"
+
+
+def _board_scene(run: Import, photos: Photos) -> Views:
     """A scene whose world is the board's frame and whose cameras are known from the board alone."""
     if run.alignment is not None:
         raise InputError("--alignment: a board says where the cube is by itself; leave one of them away")
@@ -79,7 +65,7 @@ def _board_scene(run: ImportRun, photos: Photos) -> Views:
     return scene_of(board_shots(run.source, pairs, board), pairs, board.workspace())
 
 
-def _posed_scene(run: ImportRun, photos: Photos) -> Views:
+def _posed_scene(run: Import, photos: Photos) -> Views:
     """A scene with poses from somewhere else."""
     if (run.board is None) == (run.alignment is None):
         raise InputError(
@@ -102,7 +88,7 @@ def _posed_scene(run: ImportRun, photos: Photos) -> Views:
     return scene_of(placed, pairs, workspace)
 
 
-def _aligned(run: ImportRun, shots: list[Shot]) -> tuple[list[Shot], Workspace]:
+def _aligned(run: Import, shots: list[Shot]) -> tuple[list[Shot], Workspace]:
     """The shots and the cube as the alignment's file has them."""
     assert run.alignment is not None
     alignment, workspace = read_alignment(run.alignment)
@@ -112,13 +98,13 @@ def _aligned(run: ImportRun, shots: list[Shot]) -> tuple[list[Shot], Workspace]:
     return [shot.placed(world, metres) for shot in shots], workspace
 
 
-def _file(run: ImportRun) -> Path:
+def _file(run: Import) -> Path:
     """What holds the poses, or the folder of the photos."""
     name = {"nerfstudio": "transforms.json", "robot": "robot.json"}.get(run.format)
     return run.source / name if name is not None and run.source.is_dir() else run.source
 
 
-def _listed(run: ImportRun, photos: Photos) -> list[Listed]:
+def _listed(run: Import, photos: Photos) -> list[Listed]:
     file = _file(run)
     if run.format == "colmap":
         return read_model(file)
@@ -136,7 +122,7 @@ def _listed(run: ImportRun, photos: Photos) -> list[Listed]:
     return read_transforms(file, size_of)
 
 
-def _photos(run: ImportRun) -> Photos:
+def _photos(run: Import) -> Photos:
     """Where images and backgrounds lie, given or guessed."""
     folder = (run.source if run.source.is_dir() else run.source.parent).absolute()
     # A COLMAP model lies in sparse/0, beside the photos' folder or two levels below it.
@@ -155,7 +141,7 @@ def _photos(run: ImportRun) -> Photos:
     return Photos(
         PhotoFolder(images),
         PhotoFolder(backgrounds, is_closed=True),
-        run.chosen,
+        run.views,
         beside=() if run.images is not None else (folder, images),
         is_relative=run.format == "nerfstudio",
     )

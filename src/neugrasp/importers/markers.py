@@ -16,7 +16,7 @@ from neugrasp.importers.board_reasons import charuco_reason, missing_row, tags_r
 from neugrasp.importers.lens import Lens
 from neugrasp.importers.planar_fit import limit_of
 from neugrasp.importers.seen_markers import Seen, listed, named, once, straightened
-from neugrasp.views import Image
+from neugrasp.observation import Image
 
 FEWEST_POINTS = 6
 """Corners of a chessboard that fix a pose well; one tag has four."""

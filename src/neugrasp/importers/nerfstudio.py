@@ -12,7 +12,8 @@ import numpy as np
 
 from neugrasp.data.camera_checks import OPENCV_FROM_OPENGL, check_rigid, numbers
 from neugrasp.data.known_keys import plain, warn_of_unknown
-from neugrasp.data.user_files import check_name, read_object
+from neugrasp.data.strict_json import read_object
+from neugrasp.data.user_files import check_name
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, inverse
 from neugrasp.importers.foreign_lens import lens_of
@@ -54,7 +55,7 @@ logger = logging.getLogger(__name__)
 
 def read_transforms(file: Path, size_of: SizeOf) -> list[Listed]:
     """All frames. Raises `InputError` naming the file and the frame."""
-    data = read_object(file)
+    data = read_object(file, "a list of frames")
     frames = data.get("frames")
     if not isinstance(frames, list) or not frames:
         raise InputError(f"{file}: 'frames' must be a list of at least one frame")
@@ -69,7 +70,7 @@ def read_transforms(file: Path, size_of: SizeOf) -> list[Listed]:
 def check_motion(file: Path, has_scale: bool, has_place: bool) -> None:
     """Whether what the file says of its poses is made up for: `has_scale` and `has_place` say that the user
     told the scale, or the place, of the poses as they stand. Raises `InputError`."""
-    data = read_object(file)
+    data = read_object(file, "a list of frames")
     scale = float(numbers(data.get("applied_scale", 1.0), (), f"{file}: applied_scale"))
     if scale <= 0:
         raise InputError(f"{file}: applied_scale is {scale:g}; it must be positive")

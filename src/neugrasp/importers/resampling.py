@@ -8,7 +8,7 @@ from scipy import ndimage
 from neugrasp.geometry.camera import Box
 from neugrasp.geometry.pose import Array, inverse
 from neugrasp.importers.lens import Lens
-from neugrasp.views import Image
+from neugrasp.observation import Image
 
 SAME_PLACE = 0.05
 """Pixels by which the table may shift between two cameras that count as one."""

@@ -7,8 +7,9 @@ The file `robot.json`:
      "flange_from_camera": POSE,
      "views": [{"image": "0.png", "base_from_flange": POSE}, ...]}
 
-A POSE is a 4 x 4 matrix or {"position": [x, y, z], "quaternion_xyzw": [x, y, z, w]}, metres. `views` may
-instead name a CSV file beside it with the columns image, x, y, z, qx, qy, qz, qw. A view may also have
+A POSE is a 4 x 4 matrix, {"position": [x, y, z], "quaternion_xyzw": [x, y, z, w]}, or {"position": [x, y, z],
+"rotation_vector": [rx, ry, rz]} as Universal Robots write it, metres and radians. `views` may instead name a
+CSV file beside it with the columns image, x, y, z, and qx, qy, qz, qw or rx, ry, rz. A view may also have
 `background_base_from_flange`, where its background was taken from a slightly different pose. The camera's
 axes are OpenCV's, pixel centres lie at integers (as OpenCV calibrates), and the world is the robot's base.
 """
@@ -24,7 +25,8 @@ from typing import Any
 import numpy as np
 
 from neugrasp.data.known_keys import refuse_bends, warn_of_unknown
-from neugrasp.data.user_files import check_name, read_object, read_text
+from neugrasp.data.strict_json import read_object
+from neugrasp.data.user_files import check_name, read_text
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, from_quaternion, inverse, rigid
 from neugrasp.importers.files import pose_of
@@ -33,6 +35,8 @@ from neugrasp.importers.lens_keys import LENS_KEYS, check_lens_keys, is_lens_key
 from neugrasp.importers.shots import Listed, Shot
 
 COLUMNS = ("image", "x", "y", "z", "qx", "qy", "qz", "qw")
+VECTOR_COLUMNS = ("image", "x", "y", "z", "rx", "ry", "rz")
+"""As Universal Robots write poses: a rotation vector."""
 FILE_KEYS = ("flange_from_camera", "views", *LENS_KEYS)
 VIEW_KEYS = ("image", "base_from_flange", "background_base_from_flange", *LENS_KEYS)
 CAMERA_KEYS = (*LENS_KEYS, "camera_name", "projection_matrix", "P", "header", "R", "rectification_matrix")
@@ -44,7 +48,7 @@ logger = logging.getLogger(__name__)
 
 def read_robot(file: Path) -> list[Listed]:
     """world_from_camera = base_from_flange @ flange_from_camera for every view. Raises `InputError`."""
-    data = read_object(file)
+    data = read_object(file, "a list of flange poses")
     views = data.get("views")
     check_lens_keys(data, FILE_KEYS, str(file))
     pose_of(data.get("flange_from_camera"), f"{file}: flange_from_camera")
@@ -127,8 +131,8 @@ def _suspects(hand_eye: Any, flange: Any) -> dict[str, Array]:
 
 
 def _reordered(value: Any) -> Array | None:
-    """The pose if its quaternion is (w, x, y, z); None where it has no quaternion."""
-    if not isinstance(value, dict):
+    """The pose if its quaternion is (w, x, y, z); None where it has none."""
+    if not isinstance(value, dict) or "quaternion_xyzw" not in value:
         return None
     w, x, y, z = np.array(value["quaternion_xyzw"], dtype=np.float64)
     return from_quaternion([x, y, z, w], np.array(value["position"], dtype=np.float64))
@@ -145,26 +149,27 @@ def _rows(file: Path) -> list[tuple[dict[str, Any], str]]:
         raise InputError(f"{file}: missing; 'views' names it") from None
     except csv.Error as error:
         raise InputError(f"{file}: no CSV file ({error})") from error
-    missing = [column for column in COLUMNS if column not in names]
+    columns = VECTOR_COLUMNS if {"rx", "ry", "rz"} & set(names) else COLUMNS
+    missing = [column for column in columns if column not in names]
     if missing or not lines:
         raise InputError(
             f"{file}: {'no column ' + ', '.join(missing) if missing else 'no line'}; the first line must be "
-            f"{','.join(COLUMNS)}, every other one a view"
+            f"{','.join(COLUMNS)} or {','.join(VECTOR_COLUMNS)}, every other one a view"
         )
     if twice := [name for name in names if names.count(name) > 1]:
         raise InputError(f"{file}: the column {twice[0]!r} is there twice; which one is meant?")
-    refuse_bends(dict.fromkeys(names, 0.5), COLUMNS, str(file))
-    warn_of_unknown([dict.fromkeys(names)], COLUMNS, file, logger)
-    return [(_view(line, i, file), f"{file}, line {i}") for i, line in enumerate(lines, start=2)]
+    refuse_bends(dict.fromkeys(names, 0.5), columns, str(file))
+    warn_of_unknown([dict.fromkeys(names)], columns, file, logger)
+    return [(_view(line, i, file, columns), f"{file}, line {i}") for i, line in enumerate(lines, start=2)]
 
 
-def _view(line: dict[str, Any], number: int, file: Path) -> dict[str, Any]:
+def _view(line: dict[str, Any], number: int, file: Path, columns: tuple[str, ...]) -> dict[str, Any]:
     if None in line or None in line.values():
         raise InputError(f"{file}, line {number}: has more or fewer cells than the first line")
     return {
         "image": line["image"].strip(),
         "base_from_flange": {
-            "position": [line[column] for column in COLUMNS[1:4]],
-            "quaternion_xyzw": [line[column] for column in COLUMNS[4:]],
+            "position": [line[column] for column in columns[1:4]],
+            "quaternion_xyzw" if columns is COLUMNS else "rotation_vector": [line[c] for c in columns[4:]],
         },
     }

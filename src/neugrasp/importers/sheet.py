@@ -11,8 +11,11 @@ from PIL import ImageDraw, ImageFont
 
 from neugrasp.errors import InputError
 from neugrasp.importers.board import Board, Charuco
+from neugrasp.importers.board_file import read_board
+from neugrasp.importers.command import PrintBoard
 from neugrasp.importers.markers import picture_of
-from neugrasp.views import Image
+from neugrasp.observation import Image
+from neugrasp.terminal import next_step
 
 Paper = Literal["a4", "letter", "a3"]
 PAPERS: dict[Paper, tuple[float, float]] = {
@@ -45,6 +48,16 @@ def write_sheet(file: Path, board: Board, paper: Paper) -> None:
         part.replace(file)
     finally:
         part.unlink(missing_ok=True)
+
+
+def run(config: PrintBoard) -> str:
+    """`neugrasp board`: the file's name and how to print it."""
+    write_sheet(config.out, read_board(config.board), config.paper)
+    board = [] if config.board == "default" else ["--board", config.board]
+    return (
+        f"{config.out}: print at 100 % (not: fit to page), then measure the line of 100 mm and take photos "
+        f"of the table with it\n{next_step('import', 'board', 'PHOTOS', *board, '--out', 'my_scene')}"
+    )
 
 
 def sheet(board: Board, paper: Paper) -> Image:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from neugrasp.data.photo_files import orientation, read_image
+from neugrasp.data.photo_files import OTHER_FOCAL, photo_tags, read_image
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array, rigid
@@ -23,7 +23,7 @@ from neugrasp.importers.resampling import (
     resampled,
     seen_on_table,
 )
-from neugrasp.views import MAX_VIEWS, Image, View, Views
+from neugrasp.observation import MAX_VIEWS, Image, View, Views
 
 LEAST_SHOWN = 0.2
 """Of a photo, what must be left of it after undistorting and warping."""
@@ -108,18 +108,28 @@ def _view(shot: Shot, pair: Pair, workspace: Workspace) -> View:
             "must be taken from (nearly) the same place, and the lens' distortion must be moderate"
         )
     camera = Camera(lens.intrinsics, shot.world_from_camera, lens.width, lens.height, sensed)
-    return View(np.ascontiguousarray(image), np.ascontiguousarray(background), camera, shot.name)
+    return View(camera, np.ascontiguousarray(image), np.ascontiguousarray(background), name=shot.name)
 
 
 def _photo(file: Path, shot: Shot) -> Image:
     photo = read_image(file, shot.name)
-    if lies := orientation(file, shot.name):
+    tags = photo_tags(file, shot.name)
+    if tags.lies:
         logger.warning(
             "%s: EXIF orientation: the photo is stored %s. Pixels are read as they are stored, while OpenCV "
             "and most viewers turn them: the intrinsics must be those of the stored pixels. If they are not, "
             "store photos and backgrounds upright without the tag (`exiftran -ai`) and import again",
             file,
-            lies,
+            tags.lies,
+        )
+    ratio = (tags.focal_pixels or shot.lens.intrinsics[0, 0]) / shot.lens.intrinsics[0, 0]
+    if not 1 / OTHER_FOCAL <= ratio <= OTHER_FOCAL:
+        logger.warning(
+            "%s: EXIF focal length: the photo was taken at %g mm (of 35 mm film), %.2f times the focal "
+            "length of its camera's calibration. Calibrate at the lens and the zoom of the photos",
+            file,
+            tags.focal_35mm,
+            ratio,
         )
     height, width = photo.shape[:2]
     if (width, height) != (shot.lens.width, shot.lens.height):

@@ -14,7 +14,7 @@ from neugrasp.geometry.pose import Array, apply, inverse
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.importers.lens import Lens
 from neugrasp.importers.resampling import is_inside
-from neugrasp.views import Image
+from neugrasp.observation import Image
 
 STEP = 0.004
 """Metres between the points of the table that are looked at."""

@@ -22,7 +22,7 @@ from neugrasp.importers.markers import tags_in
 from neugrasp.importers.photos import Pair
 from neugrasp.importers.planar_fit import mapped
 from neugrasp.importers.seen_markers import Seen
-from neugrasp.views import Image
+from neugrasp.observation import Image
 
 STEP = 0.005
 """Metres between the points of the table at which image and background are compared."""

@@ -16,7 +16,7 @@ from torch import Tensor
 from neugrasp.data.fields import Fields
 from neugrasp.data.strict_json import parse_json
 from neugrasp.errors import InputError, WriteError
-from neugrasp.geometry.workspace import Workspace
+from neugrasp.geometry.workspace import USUAL, Workspace
 from neugrasp.model.config import ModelConfig
 from neugrasp.model.network import NeuGrasp
 from neugrasp.output import whole_file
@@ -160,16 +160,12 @@ def _config_from(told: Fields) -> ModelConfig:
 def workspace_from(path: Path, metadata: dict[str, str]) -> Workspace:
     """The cube that is written down; weights of before it was are for the usual one."""
     if "workspace" not in metadata:
-        return Workspace()
+        return USUAL
     cube = described(path, metadata, "workspace")
     cube.only(CUBE)
-    resolution = cube.whole("resolution", 8, 256)
-    if resolution % 8:
-        raise cube.refuse("resolution", f"is {resolution}; it must be a multiple of 8")
-    size, table_height, truncation = (
-        cube.number(name, 1e-3, 10, "metres") for name in CUBE if name != "resolution"
-    )
-    return Workspace(size, resolution, table_height, truncation)
+    for name in CUBE:
+        cube.get(name)
+    return Workspace.from_dict(cube)
 
 
 def _entry(described: Fields, name: str, default: Any) -> Any:

@@ -14,7 +14,7 @@ from neugrasp.geometry.camera import Box, Camera
 from neugrasp.geometry.pose import inverse
 from neugrasp.geometry.sampling import CameraTensors
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.views import Image, View, Views
+from neugrasp.observation import Image, View, Views
 
 SAME_CROP = 1.0
 """Pixels by which a crop may miss the wanted one and still pass as it is."""
@@ -82,7 +82,7 @@ def prepare(views: Views, size: int) -> ViewTensors:
     """
     workspace_from_world = inverse(views.workspace.world_from_workspace)
     cropped = []
-    for index, view in enumerate(views.views):
+    for index, view in enumerate(views.frames):
         camera = view.camera.moved(workspace_from_world)
         box = views.workspace.photo_box(camera)
         _check_box(box, camera, views.workspace, view.name or f"view {index}")

@@ -9,7 +9,7 @@ from einops import rearrange
 from torch import Tensor, nn
 
 from neugrasp.geometry.sampling import LookupTable, sample_volume
-from neugrasp.geometry.workspace import Workspace
+from neugrasp.geometry.workspace import USUAL, Workspace
 from neugrasp.model.chunked import map_chunked
 from neugrasp.model.config import ModelConfig
 from neugrasp.model.features import ChangeFeatures, FeatureNet, ResidualAttention
@@ -55,7 +55,7 @@ class NeuGrasp(nn.Module):
     def __init__(self, config: ModelConfig, workspace: Workspace | None = None):
         super().__init__()
         self.config = config
-        self.workspace = workspace or Workspace()
+        self.workspace = workspace or USUAL
         self.features = FeatureNet(config)
         uses_attention = config.use_backgrounds and config.use_residual_attention
         self.residual = ResidualAttention(config.feature_dim) if uses_attention else None

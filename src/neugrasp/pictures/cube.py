@@ -9,7 +9,7 @@ from PIL import ImageDraw
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array, inverse
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.views import Image
+from neugrasp.observation import Image
 
 OVERSAMPLING = 2
 NEAR = 0.01

@@ -1,4 +1,4 @@
-"""Grasps drawn into a photo as wireframes of the gripper."""
+"""Grasps drawn into a photo as wireframes of the gripper, each with its number."""
 
 from __future__ import annotations
 
@@ -6,19 +6,24 @@ from collections.abc import Sequence
 
 import numpy as np
 from PIL import Image as Picture
-from PIL import ImageDraw
+from PIL import ImageDraw, ImageFont
 
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array, apply, inverse
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
-from neugrasp.views import Image, View
+from neugrasp.observation import Image, View
+from neugrasp.pictures.score_scale import Colour, colour_of_score
 
 NEAR = 0.01
 """Metres; what is nearer to the camera is not drawn."""
 OVERSAMPLING = 2
-BEST, MIDDLE, WORST = np.array([60, 220, 90]), np.array([250, 200, 40]), np.array([235, 70, 50])
+OUTLINE = (15, 15, 15, 200)
+FARTHEST = 1e5
+"""Pixels: far beyond any picture, and well inside what PIL can draw."""
+NUMBER_SIZE = 0.03
+"""Of the digits, in sides of the photo."""
 
 
 def photo_of_workspace(view: View, workspace: Workspace, size: int = 512) -> View:
@@ -39,13 +44,20 @@ def photo_of_workspace(view: View, workspace: Workspace, size: int = 512) -> Vie
         return np.asarray(picture)
 
     camera = view.camera.cropped_and_resized((left, top, right, bottom), width, height)
-    return View(cut(view.image), cut(view.background), camera, view.name)
+    return View(camera, cut(view.image), cut(view.background), name=view.name)
 
 
-def draw_grasps(view: View, grasps: Sequence[Grasp], gripper: Gripper, smallest: int = 512) -> Image:
+def draw_grasps(
+    view: View,
+    grasps: Sequence[Grasp],
+    gripper: Gripper,
+    smallest: int = 512,
+    colours: Sequence[Colour] | None = None,
+) -> Image:
     """The photo with a wireframe of the gripper at every grasp (world frame, best first), the best on top.
 
-    Colour goes by rank, green for the best. A photo less than `smallest` pixels wide or high is enlarged.
+    Colour goes by score, the same in every picture (`colour_of_score`), unless `colours` are given. Several
+    grasps are numbered from 1, as everywhere. A photo less than `smallest` pixels wide or high is enlarged.
     """
     camera = view.camera
     scale = max(1.0, smallest / min(camera.width, camera.height))
@@ -56,24 +68,32 @@ def draw_grasps(view: View, grasps: Sequence[Grasp], gripper: Gripper, smallest:
     layer = Picture.new("RGBA", (large.width, large.height), (0, 0, 0, 0))
     pen = ImageDraw.Draw(layer)
     thickness = max(2, round(0.006 * min(large.width, large.height)))
+    colours = [colour_of_score(grasp.score) for grasp in grasps] if colours is None else colours
     for rank in reversed(range(len(grasps))):
         segments = _pixel_segments(grasps[rank], gripper, large)
-        colour = _colour(rank, len(grasps))
         extra = 1.5 if rank == 0 else 1.0
-        for thick, ink in ((2.0, (15, 15, 15, 200)), (1.0, (*colour, 255))):
+        for thick, ink in ((2.0, OUTLINE), (1.0, (*colours[rank], 255))):
             for segment in segments:
                 _line(pen, segment, thickness * extra * thick, ink)
+        if len(grasps) > 1 and len(segments):
+            _number(pen, rank + 1, segments[-1], colours[rank], (large.width, large.height))
     layer = layer.resize((width, height), Picture.Resampling.BOX)
     photo.paste(layer, mask=layer.getchannel("A"))
     return np.asarray(photo)
 
 
-def _colour(rank: int, count: int) -> tuple[int, int, int]:
-    """From green for the first to red for the last."""
-    place = rank / max(count - 1, 1)
-    first, second, share = (BEST, MIDDLE, 2 * place) if place < 0.5 else (MIDDLE, WORST, 2 * place - 1)
-    red, green, blue = (first + (second - first) * share).round().astype(int).tolist()
-    return red, green, blue
+def _number(pen: ImageDraw.ImageDraw, number: int, arm: Array, colour: Colour, size: tuple[int, int]) -> None:
+    """The number of a grasp on a disc of its colour, at the far end of its arm, a segment (2, 2) in pixels;
+    at the border where that lies outside a picture of `size` that shows the near end."""
+    radius = NUMBER_SIZE * min(size)
+    low, high = np.full(2, radius), np.array(size) - 1 - radius
+    place = arm[0].clip(low, high) if np.all((arm[1] >= 0) & (arm[1] < size)) else arm[0]
+    if np.abs(place).max() > FARTHEST:
+        return
+    u, v = (place + 0.5).tolist()
+    disc = (u - radius, v - radius, u + radius, v + radius)
+    pen.ellipse(disc, fill=(*colour, 255), outline=OUTLINE, width=4)
+    pen.text((u, v), str(number), (0, 0, 0, 255), ImageFont.load_default(1.5 * radius), anchor="mm")
 
 
 def _pixel_segments(grasp: Grasp, gripper: Gripper, camera: Camera) -> Array:
@@ -100,8 +120,7 @@ def _clipped(start: Array, end: Array) -> Array | None:
 
 def _line(pen: ImageDraw.ImageDraw, segment: Array, thickness: float, ink: tuple[int, int, int, int]) -> None:
     """A thick line with round ends."""
-    limit = 1e5  # Far beyond any picture, and well inside what PIL can draw.
-    if np.abs(segment).max() > limit:
+    if np.abs(segment).max() > FARTHEST:
         return
     # Pixel centres lie at integers here and at halves in PIL.
     (u0, v0), (u1, v1) = (segment + 0.5).tolist()

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from PIL import Image as Picture
 
-from neugrasp.views import Image
+from neugrasp.observation import Image
 
 STYLE = """
 :root { color-scheme: light; }

@@ -11,7 +11,7 @@ from scipy.ndimage import map_coordinates
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array, inverse
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.views import Image
+from neugrasp.observation import Image
 
 PAPER = np.array([245, 245, 245])
 OBJECT = np.array([120, 165, 215])

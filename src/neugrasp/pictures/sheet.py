@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image as Picture
 from PIL import ImageDraw, ImageFont
 
-from neugrasp.views import Image
+from neugrasp.observation import Image
 
 MARGIN = 12
 TEXT_SIZE = 18
@@ -25,15 +25,15 @@ class Tile:
     caption: str
 
 
-def contact_sheet(tiles: Sequence[Tile], columns: int, title: str = "") -> Image:
-    """The tiles row by row, `columns` in a row, each cell as large as the largest tile."""
+def contact_sheet(tiles: Sequence[Tile], columns: int, title: str = "", legend: Image | None = None) -> Image:
+    """The tiles row by row, `columns` in a row, each as large as the largest tile; a legend below them."""
     cell_width = max(tile.image.shape[1] for tile in tiles)
     cell_height = max(tile.image.shape[0] for tile in tiles) + 2 * TEXT_SIZE
     rows = -(-len(tiles) // columns)
     top = MARGIN + (2 * TEXT_SIZE if title else 0)
     size = (
         MARGIN + columns * (cell_width + MARGIN),
-        top + rows * (cell_height + MARGIN),
+        top + rows * (cell_height + MARGIN) + (0 if legend is None else legend.shape[0]),
     )
     sheet = Picture.new("RGB", size, PAPER)
     pen = ImageDraw.Draw(sheet)
@@ -45,4 +45,6 @@ def contact_sheet(tiles: Sequence[Tile], columns: int, title: str = "") -> Image
         upper = top + (i // columns) * (cell_height + MARGIN)
         sheet.paste(Picture.fromarray(tile.image), (left, upper))
         pen.text((left, upper + tile.image.shape[0] + 6), tile.caption, fill=INK, font=font)
+    if legend is not None:
+        sheet.paste(Picture.fromarray(legend), (MARGIN, size[1] - legend.shape[0]))
     return np.asarray(sheet)

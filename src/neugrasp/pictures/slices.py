@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import map_coordinates
 
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.views import Image
+from neugrasp.observation import Image
 
 INSIDE, SURFACE, OUTSIDE = np.array([178, 24, 43]), np.array([247, 247, 247]), np.array([33, 102, 172])
 CONTOUR = np.array([20, 20, 20])

@@ -14,11 +14,12 @@ from scipy.spatial.transform import Rotation
 
 from neugrasp.data.records import Record
 from neugrasp.data.whole_or_nothing import whole_or_nothing
-from neugrasp.export import write_picture
-from neugrasp.geometry.workspace import Workspace
-from neugrasp.pictures import Tile, contact_sheet
-from neugrasp.training.dataset import read_records
-from neugrasp.views import Image
+from neugrasp.observation import Image
+from neugrasp.pictures import Tile, contact_sheet, write_picture
+from neugrasp.progress import counted
+from neugrasp.report.command import DataSheet
+from neugrasp.terminal import next_step
+from neugrasp.training.dataset import open_records
 
 TEXT, SCENES, BALANCE = "data_sheet.md", "scenes.jpg", "balance.png"
 NUM_SCENES = 3
@@ -59,7 +60,7 @@ class Counts:
 
     def add(self, record: Record) -> None:
         """Counts a record."""
-        workspace, labels = Workspace(), record.labels
+        workspace, labels = record.workspace, record.labels
         self.scenes += 1
         self.objects += len(record.scene.bodies)
         self.materials.update(record.materials)
@@ -79,6 +80,12 @@ class Counts:
             self.angles += np.degrees(np.arccos(np.clip(-approach[:, 2], -1, 1))).tolist()
 
 
+def run(config: DataSheet) -> str:
+    """`neugrasp datasheet`: the sheet's name, and what to do next."""
+    sheet = write_data_sheet(config.data, config.out)
+    return f"{sheet}\n{next_step('train', '--data', *config.data, '--out', 'runs/mine')}"
+
+
 def write_data_sheet(folders: Sequence[Path], out: Path) -> Path:
     """Writes data_sheet.md, scenes.jpg and balance.png into `out`, all or none; the first one's path.
 
@@ -90,7 +97,9 @@ def write_data_sheet(folders: Sequence[Path], out: Path) -> Path:
         for folder in folders:
             mine = counts.setdefault(_name(folder, counts), Counts())
             shown = 0
-            for record in read_records(folder):
+            records = open_records(folder)
+            for index in counted(range(len(records)), "scenes"):
+                record = records.read(index, trials=False)
                 mine.add(record)
                 if record.has_photos and shown < NUM_SCENES:
                     tiles += _pictures(record)

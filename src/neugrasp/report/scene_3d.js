@@ -75,12 +75,23 @@
       pen.stroke();
     }
     for (const frustum of data.cameras) lines(project, frustum, "#7d8798", 1);
-    data.grasps.forEach((grasp, i) => {
-      if (chosen >= 0 && i !== chosen) return;
-      const hue = 130 * (1 - i / Math.max(1, data.grasps.length - 1));
+    for (let i = data.grasps.length - 1; i >= 0; i--) {
+      const grasp = data.grasps[i];
+      if (chosen >= 0 && i !== chosen) continue;
       lines(project, grasp.lines, "rgba(20,20,20,0.75)", 5);
-      lines(project, grasp.lines, `hsl(${hue},75%,48%)`, 2.6);
-    });
+      lines(project, grasp.lines, grasp.colour, 2.6);
+      // The last line is the arm's.
+      const [x, y] = project(...grasp.lines[grasp.lines.length - 1][0]), size = 9 * devicePixelRatio;
+      pen.fillStyle = grasp.colour;
+      pen.beginPath();
+      pen.arc(x, y, size, 0, 2 * Math.PI);
+      pen.fill();
+      pen.fillStyle = "#000";
+      pen.font = `${1.4 * size}px system-ui, sans-serif`;
+      pen.textAlign = "center";
+      pen.textBaseline = "middle";
+      pen.fillText(grasp.number, x, y);
+    }
   }
 
   let last = null;

@@ -15,7 +15,8 @@ from neugrasp.geometry.surface import Surface, surface_of
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
-from neugrasp.views import View, Views
+from neugrasp.observation import View, Views
+from neugrasp.pictures.score_scale import colour_of_score
 
 MOST_GRASPS = 30
 """Wireframes in the picture; the best ones."""
@@ -33,15 +34,16 @@ def scene_3d(views: Views, tsdf: ArrayLike, grasps: Sequence[Grasp], gripper: Gr
         "faces": _packed(surface.faces, "<u4"),
         "colours": _packed(_colours(surface, views), "u1"),
         "cube": _edges(workspace).tolist(),
-        "cameras": [_frustum(view, workspace_from_world).round(4).tolist() for view in views.views],
+        "cameras": [_frustum(view, workspace_from_world).round(4).tolist() for view in views.frames],
         "grasps": [
             {
                 "lines": apply(workspace_from_world @ grasp.pose, gripper.wireframe(grasp.width))
                 .round(4)
                 .tolist(),
-                "score": round(grasp.score, 3),
+                "number": number,
+                "colour": "rgb({}, {}, {})".format(*colour_of_score(grasp.score)),
             }
-            for grasp in grasps[:MOST_GRASPS]
+            for number, grasp in enumerate(grasps[:MOST_GRASPS], 1)
         ],
         "azimuth": _azimuth(views, workspace_from_world),
         "centre": [workspace.size / 2, workspace.size / 2, workspace.table_height + 0.03],
@@ -49,7 +51,7 @@ def scene_3d(views: Views, tsdf: ArrayLike, grasps: Sequence[Grasp], gripper: Gr
     script = (resources.files("neugrasp.report") / "scene_3d.js").read_text(encoding="utf-8")
     return (
         '<canvas id="scene" style="width:100%;height:520px;cursor:grab;touch-action:none"></canvas>\n'
-        "<p class='remedy'>Drag to turn, wheel to come nearer, click a row of the table for one grasp.</p>\n"
+        "<p class='remedy'>Drag to rotate, scroll to zoom, click a row of the table for one grasp.</p>\n"
         f'<script id="scene-data" type="application/json">{json.dumps(data)}</script>\n'
         f"<script>\n{script}</script>"
     )
@@ -57,7 +59,7 @@ def scene_3d(views: Views, tsdf: ArrayLike, grasps: Sequence[Grasp], gripper: Gr
 
 def _azimuth(views: Views, workspace_from_world: Array) -> float:
     """A direction, radians, beside that from which the cameras look."""
-    centres = [apply(workspace_from_world, view.camera.centre) for view in views.views]
+    centres = [apply(workspace_from_world, view.camera.centre) for view in views.frames]
     x, y = (np.mean(centres, axis=0) - views.workspace.centre)[:2]
     return float(np.arctan2(y, x)) + 0.5
 
@@ -75,7 +77,7 @@ def _colours(surface: Surface, views: Views) -> np.ndarray:
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     best, colours = np.full(len(middle), -np.inf), np.full((len(middle), 3), 150.0)
-    for view in views.views:
+    for view in views.frames:
         camera = view.camera.moved(inverse(views.workspace.world_from_workspace))
         pixels, depth = camera.project(middle)
         column, row = pixels.round().astype(int).T

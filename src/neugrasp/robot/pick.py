@@ -1,27 +1,20 @@
-"""One grasp, carried out: approach, close, retreat, look whether it holds (method.md D2)."""
+"""One grasp, carried out by a robot cell: `execution.carry_out`, and what is to be done afterwards."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-import numpy as np
-
+from neugrasp import execution
+from neugrasp.execution import NOTHING_HELD, SUCCESS, carry_out
 from neugrasp.geometry.pose import Array
 from neugrasp.grasp import Grasp
 from neugrasp.robot.interface import Arm, Gripper
 
-APPROACH = 0.05
-"""Metres from the pre-grasp to the grasp."""
-RETREAT = 0.10
-SIDE_GRASP = np.pi / 3
-"""From this angle between the approach and straight down on, the hand retreats upwards."""
-
-SUCCESS = "success"
 COLLISION = "collision on the way"
-NOTHING_HELD = "nothing between the fingers"
 SLIPPED = "slipped on lifting"
 CARRIED_AWAY = "carried away from the table"
 REASONS = (SUCCESS, COLLISION, NOTHING_HELD, SLIPPED, CARRIED_AWAY)
+"""What a round counts."""
 
 
 @dataclass(frozen=True)
@@ -41,37 +34,52 @@ class Pick:
         return self.reason == SUCCESS
 
 
+@dataclass(frozen=True)
+class _Hand:
+    """Arm and gripper as one, for `carry_out`."""
+
+    arm: Arm
+    gripper: Gripper
+
+    def open(self) -> None:
+        self.gripper.open()
+
+    def go_to(self, pose: Array) -> bool:
+        return self.arm.go_to(pose)
+
+    def move_straight(self, position: Array, stop_on_contact: bool) -> bool:
+        return self.arm.move_straight(position, stop_on_contact)
+
+    def close(self) -> None:
+        self.gripper.close()
+
+    def opening(self) -> float:
+        return self.gripper.opening()
+
+    def holds(self) -> bool:
+        return self.gripper.holds()
+
+
 def pick(arm: Arm, gripper: Gripper, grasp: Grasp, min_opening: float, up: Array) -> Pick:
     """Carries out a grasp (world frame); when it returns, the hand is out of the way and everything rests.
 
     A contact ends the approach and the fingers close there. Success is an object in the hand and more than
     `min_opening` metres between the pads after the retreat. `up` is the unit vector away from the table.
     """
-    gripper.open()
-    if not arm.go_to(grasp.advanced(-APPROACH).pose):
-        return _failed(arm, gripper, COLLISION, touched=True)
-    touched = arm.move_straight(grasp.position, stop_on_contact=True)
-    gripper.close()
-    is_empty = gripper.opening() <= min_opening
-    arm.move_straight(retreat(grasp, up), stop_on_contact=False)
-    if is_empty:
-        return _failed(arm, gripper, COLLISION if touched else NOTHING_HELD, touched)
-    if gripper.opening() <= min_opening or not gripper.holds():
-        return _failed(arm, gripper, SLIPPED, touched)
+    x, y, z = up.tolist()
+    outcome = carry_out(_Hand(arm, gripper), replace(grasp, up=(x, y, z)), min_opening)
     opening = gripper.opening()
-    arm.deliver()
-    return Pick(SUCCESS, opening, touched)
+    if outcome.success:
+        arm.deliver()
+    else:
+        arm.leave()
+    return Pick(_reason(outcome), opening, outcome.touched)
 
 
-def retreat(grasp: Grasp, up: Array) -> Array:
-    """Straight up after a grasp from the side, else back along the approach."""
-    if np.arccos(np.clip(-grasp.approach @ up, -1, 1)) > SIDE_GRASP:
-        position: Array = grasp.position + RETREAT * up
-        return position
-    return grasp.advanced(-RETREAT).position
-
-
-def _failed(arm: Arm, gripper: Gripper, reason: str, touched: bool) -> Pick:
-    opening = gripper.opening()
-    arm.leave()
-    return Pick(reason, opening, touched)
+def _reason(outcome: execution.Outcome) -> str:
+    """As a round counts: an empty hand that was stopped on its way has collided."""
+    if outcome.success:
+        return SUCCESS
+    if outcome.reason == execution.SLIPPED:
+        return SLIPPED
+    return COLLISION if outcome.touched else NOTHING_HELD

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.fusion import Tsdf
 from neugrasp.geometry.workspace import Workspace
+from neugrasp.observation import DepthView, DepthViews, Observation, View, Views
 from neugrasp.robot.simulated import SimulatedRobot
 from neugrasp.simulation.cell_photos import Photographer, Photos
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.scene import Body, Cell
 from neugrasp.simulation.truth import scan
-from neugrasp.views import DepthView, DepthViews, View, Views
 
 Depth = NDArray[np.float32]
 DepthFilter = Callable[[Depth], Depth]
@@ -42,7 +42,7 @@ class PhotoCamera:
         photos = self.photographer.render(self.cell, self.robot.scene(), self.library, indices)
         return Views(
             tuple(
-                View(photo, self.backgrounds[i], self.cell.cameras[i], f"view {i}")
+                View(self.cell.cameras[i], photo, self.backgrounds[i], name=f"view {i}")
                 for i, photo in zip(indices, photos, strict=True)
             ),
             self.workspace,
@@ -61,8 +61,25 @@ class DepthCamera:
         """One depth image per camera."""
         exact = [self.world.depth_and_mask(camera)[0] for camera in self.cameras]
         depths = exact if self.measured is None else [self.measured(depth) for depth in exact]
-        views = tuple(DepthView(d, c) for d, c in zip(depths, self.cameras, strict=True))
+        views = tuple(DepthView(c, depth=d) for d, c in zip(depths, self.cameras, strict=True))
         return DepthViews(views, self.world.workspace)
+
+
+@dataclass(frozen=True)
+class RgbdCamera:
+    """Photos and depth images from the same places."""
+
+    photos: PhotoCamera
+    depths: DepthCamera
+
+    def look(self) -> Observation:
+        """Frames with photo, background and depth."""
+        photos, depths = self.photos.look(), self.depths.look()
+        frames = tuple(
+            replace(photo, depth=depth.depth)
+            for photo, depth in zip(photos.frames, depths.frames, strict=True)
+        )
+        return Observation(frames, photos.workspace)
 
 
 @dataclass(frozen=True)

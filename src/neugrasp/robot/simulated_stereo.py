@@ -10,12 +10,12 @@ import numpy as np
 from neugrasp.baselines.stereo_matching import Grey, StereoConfig, stereo_depth
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.workspace import Workspace
+from neugrasp.observation import DepthView, DepthViews
 from neugrasp.robot.simulated import SimulatedRobot
 from neugrasp.simulation.cell_photos import Photographer
 from neugrasp.simulation.infrared import infrared_pair, infrared_sensor
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.scene import Cell
-from neugrasp.views import DepthView, DepthViews
 
 SCALE = 0.5
 """Pixels of the infrared images for each of the sensor's: half of them measure a table to a millimetre."""
@@ -44,7 +44,9 @@ class StereoCamera:
         most = int(np.ceil(focal * config.baseline / config.nearest)) + config.window
         pair, offset = infrared_pair(self.cell, sensor, self.workspace, config.baseline, most)
         left, right = self.photographer.render(pair, self.robot.scene(), self.library, (0, 1))
-        return DepthView(stereo_depth(_grey(left), _grey(right), offset, focal, config), pair.cameras[0])
+        return DepthView(
+            pair.cameras[0], depth=stereo_depth(_grey(left), _grey(right), offset, focal, config)
+        )
 
 
 def _grey(photo: np.ndarray) -> Grey:

@@ -53,7 +53,9 @@ def _write(folder: Path, cell: Cell, photos: Sequence[NDArray[np.uint8]]) -> Non
             Picture.fromarray(photo).save(temporary / f"{index}.png")
         cameras = [camera_to_dict(camera) for camera in cell.cameras]
         drawn = {"seed": cell.seed, "num_inputs": cell.num_inputs, "light": cell.light, "table": cell.table}
-        (temporary / "cell.json").write_text(json.dumps({**drawn, "cameras": cameras}, indent=1) + "\n")
+        (temporary / "cell.json").write_text(
+            json.dumps({**drawn, "cameras": cameras}, indent=1) + "\n", encoding="utf-8"
+        )
         _rename(temporary, folder)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)

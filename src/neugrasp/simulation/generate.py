@@ -22,15 +22,17 @@ from pathlib import Path
 
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.geometry.view_sets import VIEW_SETS
+from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper, gripper_hash
 from neugrasp.long_runs import CONTENTS, begun_as, end_with, held, lock, unlock
 from neugrasp.output import write_text
+from neugrasp.progress import reached
 from neugrasp.simulation.cell_photos import Photographer
+from neugrasp.simulation.command import Generate
 from neugrasp.simulation.objects import KINDS, SPLITS, ObjectLibrary
 from neugrasp.simulation.renderer import Renderer, RenderSettings
-from neugrasp.simulation.studio import TARGETS_PER_CELL, TARGETS_PER_SCENE, GenerateConfig, Studio
-
-__all__ = ["GenerateConfig", "generate"]
+from neugrasp.simulation.studio import TARGETS_PER_CELL, TARGETS_PER_SCENE, Studio
+from neugrasp.terminal import next_step
 
 MakePhotographer = Callable[[int], AbstractContextManager[Photographer | None]]
 """Number of threads -> a photographer to be used in a with statement."""
@@ -38,7 +40,7 @@ MakePhotographer = Callable[[int], AbstractContextManager[Photographer | None]]
 logger = logging.getLogger(__name__)
 
 
-def generate(config: GenerateConfig, make_photographer: MakePhotographer | None = None) -> list[Path]:
+def generate(config: Generate, make_photographer: MakePhotographer | None = None) -> list[Path]:
     """Makes the scenes that `config.out` does not hold yet; the folders of all of them, in order.
 
     Raises `InputError` where the configuration is not valid or the folder holds another data set, and
@@ -53,13 +55,23 @@ def generate(config: GenerateConfig, make_photographer: MakePhotographer | None 
         missing = [index for index, folder in enumerate(folders) if not folder.is_dir()]
         progress = _Progress(total=config.num, done=config.num - len(missing))
         if missing:
+            reached("scenes", progress.done, progress.total)
             photographer = make_photographer or _renderer_of(config)
             _make_all(config, missing, photographer if config.photos else _nobody, progress)
             progress.write(config.out / "timing.json")
     return folders
 
 
-def _renderer_of(config: GenerateConfig) -> MakePhotographer:
+def run(config: Generate) -> str:
+    """`neugrasp generate`: how many scenes there are, and what to do next."""
+    folders = generate(config)
+    recipe = [] if config.photos else ["--recipe", "head"]
+    then = next_step("train", *recipe, "--data", config.out, "--out", "runs/mine")
+    sheet = next_step("datasheet", "--data", config.out, "--out", config.out / "sheet")
+    return f"{len(folders)} scenes in {config.out}\n{sheet}\n{then}"
+
+
+def _renderer_of(config: Generate) -> MakePhotographer:
     return partial(Renderer, settings=RenderSettings(samples=config.samples))
 
 
@@ -68,7 +80,7 @@ def _nobody(_threads: int) -> AbstractContextManager[None]:
     return nullcontext()
 
 
-def _checked(config: GenerateConfig) -> ObjectLibrary:
+def _checked(config: Generate) -> ObjectLibrary:
     for value, allowed, what in (
         (config.scene, KINDS, "--scene"),
         (config.split, SPLITS, "--split"),
@@ -90,12 +102,13 @@ def _checked(config: GenerateConfig) -> ObjectLibrary:
     if config.seed < 0:
         raise InputError(f"--seed {config.seed}; it must be at least 0")
     Gripper.load(config.gripper)
+    Workspace.with_edge(config.cube, config.resolution)
     library = ObjectLibrary.open(config.sets, config.objects)
     library.choices(config.split, config.scene)
     return library
 
 
-def _describe(config: GenerateConfig, library: ObjectLibrary) -> None:
+def _describe(config: Generate, library: ObjectLibrary) -> None:
     """Writes dataset.json, or checks that the one that is there says the same."""
     choices = library.choices(config.split, config.scene)
     description = {
@@ -116,6 +129,7 @@ def _describe(config: GenerateConfig, library: ObjectLibrary) -> None:
         "samples": config.samples,
         "seed": config.seed,
         **({} if config.photos else {"photos": False}),
+        **Workspace.with_edge(config.cube, config.resolution).unusual(),
         **({} if config.targets == TARGETS_PER_SCENE else {"targets": config.targets}),
     }
     begun_as(config.out / "dataset.json", description, "data set", young=CONTENTS)
@@ -124,7 +138,7 @@ def _describe(config: GenerateConfig, library: ObjectLibrary) -> None:
 @contextmanager
 def _only_one(out: Path) -> Iterator[None]:
     """Holds `out` for this process. Waits for workers that outlive a killed run by a moment."""
-    with held(out, "generate"), (out / ".lock-workers").open("w") as workers:
+    with held(out, "generate"), (out / ".lock-workers").open("w", encoding="utf-8") as workers:
         lock(workers, waits=True)
         unlock(workers)
         yield
@@ -147,6 +161,7 @@ class _Progress:
             self.seconds[stage] += spent
         rate = self.made / (time.monotonic() - self.start)
         left = (self.total - self.done) / rate / 60
+        reached("scenes", self.done, self.total)
         logger.info("%d of %d scenes, %.0f an hour, %.0f min left", self.done, self.total, rate * 3600, left)
 
     def write(self, path: Path) -> None:
@@ -159,7 +174,7 @@ class _Progress:
 
 
 def _make_all(
-    config: GenerateConfig, missing: list[int], make_photographer: MakePhotographer, progress: _Progress
+    config: Generate, missing: list[int], make_photographer: MakePhotographer, progress: _Progress
 ) -> None:
     num_cores = len(os.sched_getaffinity(0))
     workers = min(config.workers or num_cores, len(missing))
@@ -191,7 +206,7 @@ def _make(studio: Studio, index: int) -> dict[str, float]:
     return {stage: spent - before.get(stage, 0.0) for stage, spent in studio.seconds.items()}
 
 
-def _chunks(config: GenerateConfig, missing: list[int], workers: int) -> list[list[int]]:
+def _chunks(config: Generate, missing: list[int], workers: int) -> list[list[int]]:
     """Scenes of one cell go to one worker, so that its backgrounds are rendered once, if enough are left."""
     cells: dict[int, list[int]] = defaultdict(list)
     for index in missing:
@@ -218,7 +233,7 @@ def _watch(
 class _Worker:
     """What a worker process keeps between scenes."""
 
-    config: GenerateConfig
+    config: Generate
     make_photographer: MakePhotographer
     threads: int
     finished: Queue[dict[str, float]]
@@ -230,14 +245,14 @@ _worker: list[_Worker] = []
 
 
 def _start_worker(
-    config: GenerateConfig,
+    config: Generate,
     make_photographer: MakePhotographer,
     threads: int,
     finished: Queue[dict[str, float]],
     parent: int,
 ) -> None:
     worker = _Worker(config, make_photographer, threads, finished)
-    file = worker.closing.enter_context((config.out / ".lock-workers").open("w"))
+    file = worker.closing.enter_context((config.out / ".lock-workers").open("w", encoding="utf-8"))
     lock(file, shared=True, waits=True)
     end_with(parent)
     Finalize(None, worker.closing.close, exitpriority=10)

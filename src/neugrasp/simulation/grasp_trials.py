@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from neugrasp.data.trials import State, Trials, joined
+from neugrasp.execution import AT_PREGRASP, REASONS
 from neugrasp.geometry.pose import Array, rotation_about
 from neugrasp.simulation.labels import candidates, grasp_poses
 from neugrasp.simulation.mesh_distance import Library, mesh_distance
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.scene import Scene
 from neugrasp.simulation.series import execute_each
-from neugrasp.simulation.trials import AT_PREGRASP, REASONS, Trial
+from neugrasp.simulation.trials import Trial
 
 LARGEST_TILT = np.pi / 4
 """Radians between a tilted approach and the inward normal, at most."""

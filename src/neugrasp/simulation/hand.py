@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from neugrasp.geometry.pose import Array, from_quaternion, inverse, rigid, to_quaternion
+from neugrasp.grasp import APPROACH
 from neugrasp.gripper import Gripper
 
 LEFT, RIGHT = 0, 1
@@ -18,8 +19,6 @@ STEP_LENGTH = 0.002
 """Metres by which the target moves at once on a line."""
 STEPS_PER_MOVE = 4
 """Physics steps for each of them: 0.12 m/s at 240 steps a second (the reference's 0.10 m/s, truncated)."""
-APPROACH = 0.05
-"""Metres from the pre-grasp to the grasp."""
 CLOSING_STEPS = 120
 """Half a second."""
 CARRY_STEP = 0.004

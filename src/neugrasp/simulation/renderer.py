@@ -152,7 +152,7 @@ class Renderer:
             json.dumps(self._settings),
             str(sending),
         ]
-        with Path(self._folder.name, "blender.log").open("w") as output:
+        with Path(self._folder.name, "blender.log").open("w", encoding="utf-8") as output:
             self._process = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=output, stderr=output, pass_fds=(sending,), text=True
             )
@@ -186,7 +186,7 @@ class Renderer:
     def _log_tail(self) -> str:
         assert self._folder is not None
         path = Path(self._folder.name, "blender.log")
-        return path.read_text(errors="replace")[-2000:] if path.exists() else ""
+        return path.read_text(encoding="utf-8", errors="replace")[-2000:] if path.exists() else ""
 
 
 def _cell_data(cell: Cell) -> dict[str, Any]:

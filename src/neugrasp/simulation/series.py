@@ -11,20 +11,13 @@ from dataclasses import dataclass
 
 from scipy.spatial.transform import Rotation
 
+from neugrasp.execution import AT_PREGRASP, ON_APPROACH
 from neugrasp.geometry.pose import Array
-from neugrasp.grasp import Grasp
+from neugrasp.grasp import APPROACH, Grasp
 from neugrasp.simulation.frozen import BodyPose, Freezer
-from neugrasp.simulation.hand import APPROACH, STEPS_PER_MOVE
+from neugrasp.simulation.hand import STEPS_PER_MOVE
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.trials import (
-    AT_PREGRASP,
-    ON_APPROACH,
-    Trial,
-    check_rule,
-    end_of_retreat,
-    failure,
-    lift,
-)
+from neugrasp.simulation.trials import Trial, WorldHand, end_of_retreat, failure, min_opening
 
 CLOSED_CALM, CARRIED_CALM = 2e-3, 1e-3
 """Speeds in m/s below which things are calm: all that can move while the hand closes, and what it carries,
@@ -42,14 +35,14 @@ def execute_each(world: World, poses: Array, rule: str = "paper") -> list[Trial]
     has rested for the time of an approach when the fingers close. What comes of a grasp does not depend on
     the others. Raises `InputError` on an unknown rule.
     """
-    check_rule(rule)
+    least = min_opening(world, rule)
     if not len(poses):
         return []
     world.hand()
     before = world.save()
     freezer = world.freezer()
     course = _course(world, freezer)
-    scene = _Scene(world, freezer, world.save(), freezer.groups(), rule)
+    scene = _Scene(world, freezer, world.save(), freezer.groups(), least)
     freezer.free(frozenset())
     reasons = foreseen(world, freezer, poses, course)
     grasps = [Grasp(pose, world.gripper.max_opening) for pose in poses]
@@ -113,7 +106,8 @@ class _Scene:
     """The saved state from which every trial starts."""
     groups: list[frozenset[int]]
     """For each body, those with which it hangs together."""
-    rule: str
+    min_opening: float
+    """Metres that must remain between the pads."""
 
     def tried(self, grasp: Grasp) -> Trial:
         """A trial in which only those bodies can move that something touches.
@@ -130,7 +124,8 @@ class _Scene:
             self.world.restore(self.settled)
             self.world.hand().resume(arrival)
             watch = _Watch(self.world, self.freezer, end_of_retreat(grasp))
-            trial = lift(self.world, grasp, self.rule, watch.sees_closed, watch.sees_carried)
+            hand = WorldHand(self.world, self.min_opening, watch.sees_closed, watch.sees_carried)
+            trial = hand.lift(grasp)
             touched = self.freezer.touched()
             if not touched:
                 return trial

@@ -22,13 +22,13 @@ from neugrasp.gripper import Gripper
 from neugrasp.simulation.arrange import arrange
 from neugrasp.simulation.cell import sample_cell
 from neugrasp.simulation.cell_photos import Photographer, backgrounds
+from neugrasp.simulation.command import Generate
 from neugrasp.simulation.grasp_trials import label_trials
 from neugrasp.simulation.labels import GraspLabels, label
 from neugrasp.simulation.materials import sample_materials
 from neugrasp.simulation.mesh_distance import mesh_distance
 from neugrasp.simulation.objects import KINDS, ObjectLibrary
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.renderer import RenderSettings
 from neugrasp.simulation.scene import Cell, Scene
 from neugrasp.simulation.truth import scan
 
@@ -40,63 +40,19 @@ MAX_ATTEMPTS = 20
 logger = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, kw_only=True)
-class GenerateConfig:
-    """What to generate. The same values give the same records, whatever the number of workers."""
-
-    scene: str
-    """ "packed", "pile" or "single"."""
-    num: int
-    """Number of scenes."""
-    out: Path
-    objects: Path | None = None
-    """A folder of URDF files, used as the object set "folder"."""
-    object_sets: tuple[str, ...] = ()
-    """Of "folder", "pybullet" and "glassware"; by default the folder, or without one the other two."""
-    materials: str = "mixed"
-    views: str = "training"
-    split: str = "train"
-    """ "train" or "test": objects, panoramas and textures of the two never mix."""
-    gripper: str = "panda"
-    grasp_points: int = 120
-    """Points of a scene at which grasps are executed."""
-    scenes_per_cell: int = 8
-    image_size: int = 256
-    photos: bool = True
-    """Without them a scene takes a fraction of the time and serves the grasp head alone."""
-    targets: int = TARGETS_PER_SCENE
-    """Views from the hemisphere that a scene is photographed from besides the inputs."""
-    samples: int = RenderSettings.samples
-    """Of a photo's pixel, a power of two."""
-    seed: int = 0
-    workers: int | None = None
-    """Processes; by default one per core."""
-
-    @property
-    def sets(self) -> tuple[str, ...]:
-        """The object sets that are opened."""
-        if self.object_sets:
-            return self.object_sets
-        return ("folder",) if self.objects is not None else ("pybullet", "glassware")
-
-    def record_name(self, index: int) -> str:
-        """Folder name of scene `index`."""
-        return f"{self.scene}-{self.seed}-{index:06d}"
-
-
 @dataclass
 class Studio:
     """Makes one scene after another; which came before makes no difference."""
 
-    config: GenerateConfig
+    config: Generate
     photographer: Photographer | None
     """None where the scenes get no photos."""
-    workspace: Workspace = field(default_factory=Workspace)
     seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
     """Wall time spent so far, by stage."""
 
     def __post_init__(self) -> None:
         config = self.config
+        self.workspace = Workspace.with_edge(config.cube, config.resolution)
         self.library = ObjectLibrary.open(config.sets, config.objects)
         self.choices = self.library.choices(config.split, config.scene)
         self.world = World(self.workspace, self.library, Gripper.load(config.gripper))
@@ -137,7 +93,7 @@ class Studio:
         """The fields of a `Record` that depend on a work cell: photos, depth, and the cell itself."""
         config, cell_index = self.config, index // self.config.scenes_per_cell
         if self.photographer is None:
-            return {"cell": {"photos": False, "split": config.split}, **without_photos()}
+            return {"cell": {"photos": False, "split": config.split, **self._cube()}, **without_photos()}
         cell = self._cell(cell_index)
         with self._timed("backgrounds"):
             folder = config.out / "cells" / f"{cell_index:06d}"
@@ -152,7 +108,7 @@ class Studio:
             photos = np.stack(self.photographer.render(cell, scene, self.library, inputs + targets))
         drawn = {"light": cell.light, "table": cell.table, "views": config.views, "split": config.split}
         return {
-            "cell": {"index": cell_index, "seed": cell.seed, **drawn, "targets": targets},
+            "cell": {"index": cell_index, "seed": cell.seed, **drawn, "targets": targets, **self._cube()},
             "images": photos[: len(inputs)],
             "backgrounds": empty[inputs],
             "cameras": cameras,
@@ -162,6 +118,11 @@ class Studio:
             "depths": np.stack([depth for depth, _ in looks]).astype(np.float32),
             "masks": np.stack([mask for _, mask in looks]).astype(np.int8),
         }
+
+    def _cube(self) -> dict[str, Any]:
+        """What a record says of a cube that is not the usual one."""
+        unusual = self.workspace.unusual()
+        return {"workspace": unusual} if unusual else {}
 
     def _cell(self, cell_index: int) -> Cell:
         config = self.config

@@ -79,7 +79,7 @@ def _add_link(robot: Element, name: str, link: Link, folder: Path, turned: bool)
         mesh = folder / f"{name}_{number}.obj"
         lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in hull.tolist()]
         lines += ["f {} {} {}".format(*(face + 1)) for face in ConvexHull(hull).simplices]
-        mesh.write_text("\n".join(lines) + "\n")
+        mesh.write_text("\n".join(lines) + "\n", encoding="utf-8")
         collision = SubElement(element, "collision")
         SubElement(collision, "origin", rpy=f"0 0 {np.pi if turned else 0.0!r}", xyz="0 0 0")
         SubElement(SubElement(collision, "geometry"), "mesh", filename=mesh.name)

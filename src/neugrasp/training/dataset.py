@@ -18,10 +18,10 @@ from neugrasp.data.records import PhotosWanted, Record, read_record
 from neugrasp.data.shards import INDEX, Shards
 from neugrasp.errors import InputError
 from neugrasp.geometry.symmetry import Symmetry
-from neugrasp.geometry.workspace import Workspace
+from neugrasp.geometry.workspace import USUAL
+from neugrasp.observation import View
 from neugrasp.training.config import TrainConfig
 from neugrasp.training.samples import PreparedView, Sample, Truth, crop_views, sample_of, truth_of
-from neugrasp.views import View
 
 
 class Records(Protocol):
@@ -112,7 +112,8 @@ class Scenes:
         """Whether the views that losses compare with are wanted; else there are none."""
         self.photographed = tuple(i for i, (records, at) in enumerate(self.places) if records.has_photos(at))
         """Indices of the scenes with photos."""
-        self.workspace = Workspace()
+        self.workspace = self._read(0, "none").workspace if self.places else USUAL
+        """The cube of all scenes."""
         self._changes: dict[tuple[int, int], bytes] = {}
 
     def __len__(self) -> int:
@@ -120,8 +121,7 @@ class Scenes:
 
     def sample(self, index: int, rng: np.random.Generator | None) -> Sample:
         """A scene with photos as a step sees it: augmented with a generator, as it stands without one."""
-        records, at = self.places[index]
-        record = records.read(at, "all" if self.reads_targets else "inputs", trials=False)
+        record = self._read(index, "all" if self.reads_targets else "inputs")
         inputs, targets = crop_views(record, self.workspace, self.size)
         prepared = [self._prepared(index, place, view) for place, view in enumerate((*inputs, *targets))]
         groups = tuple(prepared[: len(inputs)]), tuple(prepared[len(inputs) :])
@@ -129,8 +129,17 @@ class Scenes:
 
     def truth(self, index: int, symmetry: Symmetry) -> Truth:
         """Labels and grids of a scene, moved by a symmetry."""
+        return truth_of(self._read(index, "none"), symmetry, self.workspace)
+
+    def _read(self, index: int, photos: PhotosWanted) -> Record:
         records, at = self.places[index]
-        return truth_of(records.read(at, "none", trials=False), symmetry, self.workspace)
+        record = records.read(at, photos, trials=False)
+        if index and record.workspace.cube != self.workspace.cube:
+            raise InputError(
+                f"{record.name}: is about {record.workspace.describe()}; the first scene is about "
+                f"{self.workspace.describe()}, and a network learns one"
+            )
+        return record
 
     def _prepared(self, index: int, place: int, view: View) -> PreparedView:
         if not self.finds_changes:

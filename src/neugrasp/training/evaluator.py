@@ -23,6 +23,8 @@ from neugrasp.long_runs import held, source_commit
 from neugrasp.metrics import area_under_roc
 from neugrasp.model.evaluator_file import load_evaluator, save_evaluator
 from neugrasp.model.grasp_evaluator import BOX, FineGrid, GraspEvaluator, boxes, mirrored, numbers
+from neugrasp.terminal import next_step
+from neugrasp.training.command import TrainEvaluator
 from neugrasp.training.config import Optimiser
 from neugrasp.training.log import TrainingLog
 from neugrasp.training.state import Identity, Learner, load_state, save_state
@@ -41,7 +43,7 @@ SIDES = ((False, False), (True, True), (True, False), (False, True))
 class EvaluatorConfig:
     """Everything a run depends on, besides its data."""
 
-    steps: int = 6_000
+    steps: int = 5_000
     batch: int = 256
     widths: tuple[int, int, int] = (32, 48, 64)
     hidden: int = 64
@@ -107,6 +109,20 @@ def seen_of(lessons: list[Lesson], workspace: Workspace) -> Seen:
         torch.from_numpy(success),
         np.concatenate([lesson.free for lesson in lessons]),
     )
+
+
+def run(options: TrainEvaluator) -> str:
+    """`neugrasp train-evaluator`: how good it is on what was kept aside, the file, and what to do next."""
+    if options.steps < 1:
+        raise InputError(f"--steps {options.steps}: must be at least 1")
+    config = EvaluatorConfig(steps=options.steps, seed=options.seed)
+    weights = train_evaluator(
+        EvaluatorRun(
+            data=options.data, out=options.out, config=config, init=options.init, resume=options.resume
+        )
+    )
+    then = ("--detector", "oracle-evaluator", "--evaluator", weights, "--out", weights.parent / "rounds")
+    return f"{reliability_table(weights)}\n{next_step('evaluate', *then)}"
 
 
 def train_evaluator(run: EvaluatorRun, stop_after: int | None = None) -> Path:

@@ -9,11 +9,11 @@ from PIL import Image as PilImage
 
 from neugrasp.change import OBJECT, TABLE
 from neugrasp.model.network import NeuGrasp
+from neugrasp.observation import Image
 from neugrasp.pictures.sheet import Tile, contact_sheet
 from neugrasp.pictures.slices import busiest_slice, slice_picture
 from neugrasp.training.samples import Sample
 from neugrasp.training.validation import reconstruct, render_view
-from neugrasp.views import Image
 
 TILE = 320
 """Edge of one picture, pixels."""

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from neugrasp.errors import InputError
 from neugrasp.model.config import ModelConfig
+from neugrasp.training.command import Train
 from neugrasp.training.config import LossWeights, Optimiser, TrainConfig
 
 
@@ -134,3 +135,17 @@ def recipe(name: str) -> TrainConfig:
     if name not in RECIPES:
         raise InputError(f"unknown recipe {name!r}; choose one of {', '.join(RECIPES)}")
     return RECIPES[name]()
+
+
+def configured(run: Train) -> TrainConfig:
+    """The recipe with the run's facts in it."""
+    config = replace(recipe(run.recipe), seed=run.seed)
+    if run.precision != "recipe":
+        config = replace(config, bfloat16=run.precision == "bfloat16")
+    if run.init and config.steps > config.head_steps:
+        config = replace(config, steps=config.steps - config.head_steps, head_steps=0)
+    if run.steps is None:
+        return config
+    if run.steps < 1:
+        raise InputError(f"--steps {run.steps}: must be at least 1")
+    return replace(config, steps=run.steps, head_steps=round(config.head_steps * run.steps / config.steps))

@@ -13,7 +13,7 @@ from neugrasp.geometry.sampling import CameraTensors
 from neugrasp.geometry.symmetry import Symmetry
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.inputs import ViewTensors, crop_view, to_tensor
-from neugrasp.views import View, Views
+from neugrasp.observation import View, Views
 
 
 @dataclass(frozen=True)
@@ -94,9 +94,9 @@ def crop_views(record: Record, workspace: Workspace, size: int) -> tuple[tuple[V
     """Inputs and targets of a record, cropped to the workspace at size x size."""
 
     def cropped(views: Views) -> tuple[View, ...]:
-        boxes = [workspace.photo_box(view.camera) for view in views.views]
+        boxes = [workspace.photo_box(view.camera) for view in views.frames]
         return tuple(
-            crop_view(view, view.camera, box, size) for view, box in zip(views.views, boxes, strict=True)
+            crop_view(view, view.camera, box, size) for view, box in zip(views.frames, boxes, strict=True)
         )
 
     targets = record.target_views(workspace) if len(record.targets) else None

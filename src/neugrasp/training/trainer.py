@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import logging
+import os
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -16,16 +18,20 @@ from torch import nn
 
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.geometry.symmetry import Symmetry
-from neugrasp.long_runs import source_commit
+from neugrasp.long_runs import held, source_commit
 from neugrasp.model.checkpoint import load_checkpoint, save_checkpoint
+from neugrasp.model.compute import Compute
 from neugrasp.model.network import NeuGrasp
+from neugrasp.progress import reached
+from neugrasp.terminal import next_step
+from neugrasp.training.command import Train
 from neugrasp.training.config import TrainConfig
 from neugrasp.training.dataset import Batch, Records, Scenes, Steps, identity_of, loader, open_records
 from neugrasp.training.distributed import Ranks, joined_ranks
 from neugrasp.training.log import TrainingLog
 from neugrasp.training.module import TrainingModule, bfloat16_pays
 from neugrasp.training.progress_picture import save_progress_picture
-from neugrasp.training.recipes import recipe
+from neugrasp.training.recipes import configured
 from neugrasp.training.samples import Sample, Truth
 from neugrasp.training.state import Identity, Learner, load_state, save_state, saved_facts
 from neugrasp.training.validation import validate, validate_head
@@ -37,60 +43,42 @@ HELD_OUT = 20
 """One scene of so many is kept aside for validation where no folder is given for it."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class TrainRun:
-    """Where a run reads and writes."""
-
-    recipe: str
-    data: tuple[Path, ...]
-    """Folders of shards or records to train on."""
-    out: Path
-    validation: tuple[Path, ...] = ()
-    """Folders to validate on; without any, every twentieth scene is kept aside for it."""
-    device: str = "cpu"
-    steps: int | None = None
-    """Overrides the recipe's number of steps; the stages shrink or grow with it."""
-    resume: bool = False
-    init: str | None = None
-    """Weights to start from, by name or file, instead of random ones; of another network than the recipe's
-    only the grasp head is taken. The head's stage then lies behind."""
-    seed: int = 0
-    scenes: int | None = None
-    """So many of all scenes, evenly spread; by default all."""
-    loaders: int = 1
-    """Processes that prepare scenes while a step runs; 0: none."""
+def run(options: Train, config: TrainConfig | None = None) -> str:
+    """`neugrasp train`: the path of the weights, and what to do with them."""
+    weights = train(options, config=config)
+    rounds = weights.parent / "rounds"
+    tried = next_step("evaluate", "--weights", weights, "--split", "train", "--out", rounds)
+    return f"{weights}\n{tried}\n{next_step('predict', 'MY_SCENE', '--weights', weights, '--out', 'out')}"
 
 
-def configured(run: TrainRun) -> TrainConfig:
-    """The recipe with the run's facts in it."""
-    config = replace(recipe(run.recipe), seed=run.seed)
-    if run.init and config.steps > config.head_steps:
-        config = replace(config, steps=config.steps - config.head_steps, head_steps=0)
-    if run.steps is None:
-        return config
-    if run.steps < 1:
-        raise InputError(f"--steps {run.steps}: must be at least 1")
-    return replace(config, steps=run.steps, head_steps=round(config.head_steps * run.steps / config.steps))
-
-
-def train(run: TrainRun, stop_after: int | None = None) -> Path:
+def train(run: Train, stop_after: int | None = None, config: TrainConfig | None = None) -> Path:
     """Trains and gives the path of the weights; `stop_after` ends early, as an interruption would.
 
-    Raises `InputError` where data, recipe or an earlier run in `out` do not fit.
+    Without a `config`, that of the run's recipe. Raises `InputError` where data, configuration or an earlier
+    run in `out` do not fit, or another process trains there.
     """
-    _check_out(run)
-    config = configured(run)
+    # Of the processes that torchrun started, the first one writes.
+    leads = os.environ.get("RANK", "0") == "0"
+    with held(run.out, "train") if leads else nullcontext():
+        _check_out(run)
+        return _trained(run, config or configured(run), stop_after)
+
+
+def _trained(run: Train, config: TrainConfig, stop_after: int | None) -> Path:
     if saved := saved_facts(run.out):
         # However long the run becomes, the head's stage was as long as it was.
         config = replace(config, head_steps=saved.get("head_steps", config.head_steps))
     torch.manual_seed(config.seed)
-    model = NeuGrasp(config.model)
+    scenes, held_out = _open_data(run, config)
+    model = NeuGrasp(config.model, scenes.workspace)
     if run.init:
         _start_from(model, run.init)
+    device = Compute.of(run.device).device
+    if run.precision == "bfloat16" and not bfloat16_pays(device):
+        log.warning("--precision bfloat16: slower than float32 on this processor, which is used instead")
     with joined_ranks(run.device) as ranks:
         model.to(ranks.device).train()
         learner = Learner.of(model, config)
-        scenes, held_out = _open_data(run, config)
         identity = Identity(config, identity_of(scenes), run.init and Path(run.init).name)
         start = load_state(run.out, learner, identity)
         last = min(config.steps, stop_after or config.steps)
@@ -106,7 +94,7 @@ def train(run: TrainRun, stop_after: int | None = None) -> Path:
 class _Run:
     """What stays the same from step to step."""
 
-    run: TrainRun
+    run: Train
     config: TrainConfig
     ranks: Ranks
     learner: Learner[NeuGrasp]
@@ -120,13 +108,15 @@ def _train(this: _Run, scenes: Scenes, start: int, last: int) -> None:
     config, ranks, learner, out = this.config, this.ranks, this.learner, this.run.out
     module = ranks.wrap(TrainingModule(learner.model, config, ranks.rank))
     steps = Steps(scenes, config, ranks.rank, ranks.count)
-    records = TrainingLog(out, start) if ranks.leads else None
+    about = asdict(config) | {"recipe": this.run.recipe}
+    records = TrainingLog(out, start, this.run.loggers, about) if ranks.leads else None
     began = time.monotonic()
     try:
         for step, batch in enumerate(loader(steps, start, last, this.run.loaders), start):
             losses = _step(module, learner, batch.to(ranks.device), config, step)
             if records is None:
                 continue
+            reached("steps", step + 1, config.steps)
             records.step(step, losses, config.learning_rate_at(step))
             done = step + 1
             if this.held_out and (done % config.validate_every == 0 or done == config.steps):
@@ -140,7 +130,7 @@ def _train(this: _Run, scenes: Scenes, start: int, last: int) -> None:
             records.close()
 
 
-def _check_out(run: TrainRun) -> None:
+def _check_out(run: Train) -> None:
     if any(run.out.glob("*.safetensors")) and not run.resume:
         raise InputError(
             f"{run.out}: holds an earlier run; add --resume to go on with it or choose another --out"
@@ -155,6 +145,13 @@ def _check_out(run: TrainRun) -> None:
 
 def _start_from(model: NeuGrasp, weights: str) -> None:
     checkpoint = load_checkpoint(weights)
+    if checkpoint.workspace.cube != model.workspace.cube:
+        log.warning(
+            "%s: was trained for %s; the scenes are about %s",
+            weights,
+            checkpoint.workspace.describe(),
+            model.workspace.describe(),
+        )
     tensors = {name: tensor.float() for name, tensor in checkpoint.tensors.items()}
     if checkpoint.config == model.config:
         model.load_state_dict(tensors)
@@ -195,7 +192,7 @@ def _spread(things: Sequence[T], count: int) -> list[T]:
     return [things[place] for place in places.tolist()]
 
 
-def _open_data(run: TrainRun, config: TrainConfig) -> tuple[Scenes, _HeldOut]:
+def _open_data(run: Train, config: TrainConfig) -> tuple[Scenes, _HeldOut]:
     """The training scenes, and what is validated on."""
     folders = [_places(folder) for folder in run.data]
     places = [place for folder in folders for place in folder]
@@ -259,7 +256,7 @@ def _show_progress(step: int, config: TrainConfig, losses: dict[str, float], sec
     log.info("step %d / %d  %s  %.2f s a step, %.0f min left", step, config.steps, terms, seconds, left)
 
 
-def _about(run: TrainRun, config: TrainConfig, steps: int, scenes: int) -> dict[str, Any]:
+def _about(run: Train, config: TrainConfig, steps: int, scenes: int) -> dict[str, Any]:
     began = {"init": Path(run.init).name} if run.init else {}
     facts = {"recipe": run.recipe, **began, "steps": steps, "seed": config.seed, "scenes": scenes}
     return {**facts, "commit": source_commit()}

@@ -19,7 +19,7 @@ import numpy as np
 from PIL import Image as Picture
 
 from neugrasp.errors import InputError, NeuGraspError, require
-from neugrasp.views import Image
+from neugrasp.observation import Image
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 PATIENCE = 300.0
@@ -102,9 +102,9 @@ class Browser:
         with Picture.open(io.BytesIO(base64.b64decode(answer["data"]))) as picture:
             return np.asarray(picture.convert("RGB"))
 
-    def click(self, x: float, y: float) -> None:
+    def click(self, x: float, y: float, shift: bool = False) -> None:
         """Presses and releases the left button at a pixel of the page."""
-        where = {"x": x, "y": y, "button": "left", "clickCount": 1}
+        where = {"x": x, "y": y, "button": "left", "clickCount": 1, "modifiers": 8 if shift else 0}
         self._ask("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
         for event in ("mousePressed", "mouseReleased"):
             self._ask("Input.dispatchMouseEvent", type=event, **where)
@@ -138,7 +138,7 @@ class Browser:
         while time.monotonic() < end:
             if self._process.poll() is not None:
                 raise NeuGraspError(f"the browser ended at once (code {self._process.returncode})")
-            if file.is_file() and (lines := file.read_text().split()):
+            if file.is_file() and (lines := file.read_text(encoding="utf-8").split()):
                 with urllib.request.urlopen(f"http://127.0.0.1:{lines[0]}/json", timeout=PATIENCE) as reply:
                     pages = [page for page in json.load(reply) if page["type"] == "page"]
                 if pages:

@@ -9,9 +9,9 @@ from PIL import Image as Picture
 
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array
+from neugrasp.observation import Image, View
 from neugrasp.viewer.contents import Colour, Contents
 from neugrasp.viewer.nodes import LinesNode, Node, PictureNode
-from neugrasp.views import Image, View
 
 SIDE = 0.108
 """Metres of the longer side of a photo, as drawn."""
@@ -30,7 +30,7 @@ def cameras(contents: Contents) -> tuple[Node, ...]:
         edges = [(view.camera.centre, corner) for corner in corners]
         edges += [(corners[k], corners[(k + 1) % 4]) for k in range(4)]
         nodes.append(LinesNode(f"cameras/{i}/pyramid", np.array(edges), COLOUR, THICKNESS))
-        if view.image.size:
+        if isinstance(view, View):
             nodes.append(_photo(f"cameras/{i}/photo", view, corners))
     return tuple(nodes)
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
-
-from neugrasp.errors import InputError
+from typing import ClassVar, Literal
 
 
 @dataclass(frozen=True)
@@ -15,6 +13,8 @@ class Viewer:
 
     Needs the extra `view`: pip install 'neugrasp[view]'.
     """
+
+    doing: ClassVar[str] = "reading what is to be seen"
 
     path: Path
     """A scene folder, what `neugrasp predict` or `demo` wrote, or what `neugrasp evaluate` wrote."""
@@ -46,27 +46,5 @@ class Viewer:
     """The Chromium or Chrome to take pictures with; by default the first one found."""
     host: str = "127.0.0.1"
     """Where to listen; 0.0.0.0 lets other machines look, too."""
-    port: int = 8080
-    """The next free one is taken where it is in use."""
-
-    def run(self) -> str | None:
-        """The name of the picture, or nothing after the viewer was ended with Ctrl-C."""
-        if not 0 <= self.port < 2**16:
-            raise InputError(f"--port {self.port}: must be from 0 to 65535")
-        from neugrasp.viewer.opening import open_contents
-        from neugrasp.viewer.settings import Settings
-        from neugrasp.viewer.show import serve, take_picture
-
-        contents = open_contents(self)
-        settings = Settings(
-            moment=self.moment,
-            colouring=self.colour,
-            shows_truth=self.truth,
-            most=self.grasps,
-            hand="whole hand" if self.hand == "whole" else self.hand,
-        ).suited_to(contents)
-        if self.screenshot is not None:
-            take_picture(self, contents, settings)
-            return str(self.screenshot)
-        serve(self, contents, settings)
-        return None
+    port: int | None = None
+    """Where to listen, from 1024 to 65535; 0: any free one. By default the first free one from 8080 on."""

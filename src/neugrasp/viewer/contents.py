@@ -12,7 +12,7 @@ from neugrasp.geometry.surface import Surface
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
-from neugrasp.views import View
+from neugrasp.observation import Frame, View
 
 Grid = NDArray[np.float32]
 Colour = tuple[int, int, int]
@@ -27,6 +27,8 @@ class Candidate:
     """Whether it held, where it was carried out."""
     note: str = ""
     """What else there is to say of it."""
+    number: int | None = None
+    """Its place in grasps.json, from 1, where it comes from one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,15 +74,15 @@ class Contents:
     title: str
     workspace: Workspace
     gripper: Gripper
-    views: tuple[View, ...] = ()
-    """Cameras in the workspace frame, with their photos; images without pixels where there are none."""
+    views: tuple[Frame, ...] = ()
+    """Cameras in the workspace frame, with their photos where there are any."""
     moments: tuple[Moment, ...] = (Moment("a capture"),)
     truth: Truth = Truth()
 
     @property
-    def has_photos(self) -> bool:
-        """Whether the cameras come with photos."""
-        return any(view.image.size for view in self.views)
+    def photos(self) -> tuple[View, ...]:
+        """The cameras that come with photos."""
+        return tuple(view for view in self.views if isinstance(view, View))
 
     def moment(self, index: int) -> Moment:
         """Moment `index`. Raises `InputError` where there is none."""

@@ -5,19 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as Picture
 
-from neugrasp.geometry.pose import Array, rigid
+from neugrasp.detection.options import Box
+from neugrasp.geometry.pose import Array, apply, inverse, rigid
 from neugrasp.geometry.surface import Surface
 from neugrasp.gripper import Gripper
+from neugrasp.pictures.score_scale import colour_of_outcome, colour_of_score
 from neugrasp.pictures.slices import slice_picture
 from neugrasp.viewer.cameras import cameras
 from neugrasp.viewer.contents import Candidate, Colour, Contents, Grid, Moment
 from neugrasp.viewer.hand_meshes import bar_mesh, finger_mesh, hand_mesh
-from neugrasp.viewer.nodes import AxesNode, LinesNode, MeshNode, Node, PictureNode
+from neugrasp.viewer.nodes import AxesNode, LabelNode, LinesNode, MeshNode, Node, PictureNode
 from neugrasp.viewer.painting import (
     Field,
     by_confidence,
@@ -31,13 +34,12 @@ from neugrasp.viewer.tabletop import edge, tabletop
 
 CUBE: Colour = (150, 156, 166)
 PLAIN: Colour = (120, 165, 215)
+CHOSEN: Colour = (30, 90, 200)
+"""Of the region of a chosen object."""
 TRUE: Colour = (64, 190, 170)
 """Of true surfaces and grasps."""
 BELOW_TABLE = 0.0008
 """Metres by which the picture of the table lies below the table, so that bodies stand on it."""
-WORST, MIDDLE, BEST = np.array([222, 62, 48]), np.array([245, 190, 50]), np.array([38, 176, 86])
-LOWEST = 0.5
-"""The score that is red; 1 is green."""
 SLICE_PIXELS = 320
 
 
@@ -66,9 +68,12 @@ def nodes_of(contents: Contents, settings: Settings) -> tuple[Node, ...]:
     if settings.shows_true_grasps:
         nodes += true_grasps_of(contents, settings)
     chosen = settings.selected
-    nodes += [
-        _seen_through(node) if node.candidate is chosen else node for node in grasps_of(contents, settings)
-    ]
+    hands = grasps_of(contents, settings)
+    nodes += [_seen_through(node) if node.candidate is chosen else node for node in hands]
+    shown = [node.candidate for node in hands if node.candidate is not None]
+    nodes += [_number(contents, candidate) for candidate in shown if candidate.number is not None]
+    if settings.region is not None:
+        nodes.append(_region(contents, settings.region))
     if settings.slice_axis != "none" and moment.tsdf is not None:
         nodes.append(_slice(contents, moment, "xyz".index(settings.slice_axis), settings.slice_index))
     if chosen is not None:
@@ -81,7 +86,16 @@ def grasps_of(contents: Contents, settings: Settings) -> tuple[MeshNode, ...]:
     moment = contents.moment(settings.moment)
     hands = _hands(contents, moment.grasps, settings.hand, "grasps")
     passed = [node for node in hands if _score(node) >= settings.threshold]
+    if settings.region is not None:
+        passed = [node for node in passed if _is_in(settings.region, node.candidate, contents)]
     return tuple(passed[: settings.most])
+
+
+@lru_cache(maxsize=256)
+def _number(contents: Contents, candidate: Candidate) -> LabelNode:
+    """The number of a grasp where the arm would be."""
+    start = contents.gripper.wireframe(candidate.grasp.width)[-1, 0]
+    return LabelNode(f"numbers/{candidate.number}", str(candidate.number), apply(candidate.grasp.pose, start))
 
 
 def true_grasps_of(contents: Contents, settings: Settings) -> tuple[MeshNode, ...]:
@@ -94,10 +108,8 @@ def true_grasps_of(contents: Contents, settings: Settings) -> tuple[MeshNode, ..
 def colour_of(candidate: Candidate) -> Colour:
     """Green for a grasp that held, red for one that did not; else by its score, red to yellow to green."""
     if candidate.outcome is not None:
-        return _plain(BEST if candidate.outcome else WORST)
-    place = float(np.clip((candidate.grasp.score - LOWEST) / (1 - LOWEST), 0, 1))
-    first, second, share = (WORST, MIDDLE, 2 * place) if place < 0.5 else (MIDDLE, BEST, 2 * place - 1)
-    return _plain(first + (second - first) * share)
+        return colour_of_outcome(candidate.outcome)
+    return colour_of_score(candidate.grasp.score)
 
 
 def describe(contents: Contents, candidate: Candidate) -> str:
@@ -105,6 +117,7 @@ def describe(contents: Contents, candidate: Candidate) -> str:
     in_world = candidate.grasp.moved(contents.workspace.world_from_workspace)
     place, approach = (" ".join(f"{x:+.3f}" for x in v) for v in (in_world.position, in_world.approach))
     lines = [
+        *([f"**grasp** {candidate.number}"] if candidate.number else []),
         f"**score** {in_world.score:.3f}",
         f"**width** {in_world.width * 1000:.0f} mm",
         f"**TCP in the world** {place} m",
@@ -119,13 +132,16 @@ def _seen_through(node: MeshNode) -> MeshNode:
     return replace(node, opacity=0.45)
 
 
+def _is_in(region: Box, candidate: Candidate | None, contents: Contents) -> bool:
+    """Whether the TCP of a grasp lies in a box of the world."""
+    if candidate is None:
+        return True
+    place = apply(contents.workspace.world_from_workspace, candidate.grasp.position)
+    return bool(np.all((place >= region[:3]) & (place <= region[3:])))
+
+
 def _score(node: MeshNode) -> float:
     return node.candidate.grasp.score if node.candidate else 1.0
-
-
-def _plain(colour: np.ndarray) -> Colour:
-    red, green, blue = colour.round().astype(int).tolist()
-    return red, green, blue
 
 
 @lru_cache(maxsize=4)
@@ -134,15 +150,26 @@ def _table(contents: Contents) -> PictureNode:
     middle = workspace.centre - (0, 0, BELOW_TABLE)
     pose = rigid(np.diag([1.0, -1.0, -1.0]), middle)
     side = edge(workspace)
-    return PictureNode("table", tabletop(contents.views, workspace), side, side, pose, has_shadows=True)
+    return PictureNode("table", tabletop(contents.photos, workspace), side, side, pose, has_shadows=True)
 
 
 @lru_cache(maxsize=4)
 def _cube(contents: Contents) -> LinesNode:
-    corners = contents.workspace.corners()
+    return LinesNode("cube", _edges(contents.workspace.corners()), CUBE, 0.001)
+
+
+@lru_cache(maxsize=4)
+def _region(contents: Contents, region: Box) -> LinesNode:
+    """A box of the world, in the workspace frame."""
+    corners = np.array(list(product(*zip(region[:3], region[3:], strict=True))))
+    moved = apply(inverse(contents.workspace.world_from_workspace), _edges(corners))
+    return LinesNode("region", moved, CHOSEN, 0.0015)
+
+
+def _edges(corners: Array) -> Array:
+    """(12, 2, 3): the edges between the corners (8, 3) of a box along the axes."""
     pairs = [(a, b) for i, a in enumerate(corners) for b in corners[i + 1 :]]
-    edges = [(a, b) for a, b in pairs if np.count_nonzero(a != b) == 1]
-    return LinesNode("cube", np.array(edges), CUBE, 0.001)
+    return np.array([(a, b) for a, b in pairs if np.count_nonzero(a != b) == 1])
 
 
 @lru_cache(maxsize=16)
@@ -152,10 +179,10 @@ def _surface(contents: Contents, moment: Moment, colouring: Colouring, has_table
     surface = (fine_surface if has_table else things_on_table)(moment.tsdf, workspace)
     field = Field(moment.tsdf, workspace)
     colour: Colour | np.ndarray = PLAIN
-    if len(surface.vertices) and colouring == "photos" and contents.has_photos:
-        colour = by_photos(surface, field, contents.views)
-    elif len(surface.vertices) and colouring == "views" and contents.has_photos:
-        colour = by_views(surface, field, contents.views)
+    if len(surface.vertices) and colouring == "photos" and contents.photos:
+        colour = by_photos(surface, field, contents.photos)
+    elif len(surface.vertices) and colouring == "views" and contents.photos:
+        colour = by_views(surface, field, contents.photos)
     elif len(surface.vertices) and colouring == "confidence":
         colour = by_confidence(surface, field)
     return MeshNode("surface", surface, colour)

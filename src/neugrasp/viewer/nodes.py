@@ -63,4 +63,13 @@ class AxesNode:
     length: float
 
 
-Node = MeshNode | PictureNode | LinesNode | AxesNode
+@dataclass(frozen=True, eq=False)
+class LabelNode:
+    """A word at a place, in front of everything."""
+
+    name: str
+    text: str
+    position: Array
+
+
+Node = MeshNode | PictureNode | LinesNode | AxesNode | LabelNode

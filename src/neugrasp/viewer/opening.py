@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 from neugrasp.data.scene_folder import FILE
 from neugrasp.errors import InputError
 from neugrasp.viewer.command import Viewer
 from neugrasp.viewer.contents import Contents
 from neugrasp.viewer.reading import GRASPS, Choices, prediction_contents, scene_contents
+from neugrasp.viewer.rounds import round_contents
 
 
 def open_contents(viewer: Viewer) -> Contents:
@@ -23,17 +23,10 @@ def open_contents(viewer: Viewer) -> Contents:
     if path.name == FILE or (path / FILE).is_file():
         return scene_contents(path, choices)
     if (path / "run.json").is_file() and (path / "rounds").is_dir():
-        return _round(path, viewer.round, choices)
+        return round_contents(path, viewer.round, choices)
     if path.is_file() and path.parent.name == "rounds" and re.fullmatch(r"\d{6}\.json", path.name):
-        return _round(path.parent.parent, int(path.stem), choices)
+        return round_contents(path.parent.parent, int(path.stem), choices)
     raise InputError(
         f"{path}: nothing to show; give a scene (a folder with {FILE}), a prediction (with {GRASPS}), or "
         "an evaluation (a folder with run.json and rounds/)"
     )
-
-
-def _round(evaluation: Path, number: int, choices: Choices) -> Contents:
-    # A capture can be looked at without what the benchmark needs.
-    from neugrasp.viewer.rounds import round_contents
-
-    return round_contents(evaluation, number, choices)

@@ -12,7 +12,7 @@ from scipy.ndimage import map_coordinates
 from neugrasp.geometry.pose import Array
 from neugrasp.geometry.surface import Surface, surface_of
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.views import View
+from neugrasp.observation import View
 
 FINER = 2
 """Points of the drawn grid per voxel and axis."""

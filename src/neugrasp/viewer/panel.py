@@ -8,11 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from neugrasp.detection.options import Box
+from neugrasp.pictures.score_scale import score_legend
 from neugrasp.viewer.contents import Contents
 from neugrasp.viewer.drawing import describe, grasps_of
 from neugrasp.viewer.settings import AXES, COLOURINGS, HANDS, Settings, most_grasps, scores
 
 CLICK = "*Click on a gripper for its score, width and frame.*"
+AIM = "*Shift and a click on an object: its grasps alone.*"
 
 
 class Panel:
@@ -27,6 +30,7 @@ class Panel:
             last = len(contents.moments) - 1
             self._add("moment", gui.add_slider("time", 0, last, 1, settings.moment))
         self._said: Any = None
+        self._chosen: Any = None
         self._caption = gui.add_markdown("")
         has_grid = any(moment.tsdf is not None for moment in contents.moments)
         if most_grasps(contents):
@@ -42,6 +46,8 @@ class Panel:
         self._settings = settings
         contents, moment = self._contents, self._contents.moment(settings.moment)
         shown = len(grasps_of(contents, settings))
+        if self._chosen is not None:
+            self._chosen.content = AIM if settings.region is None else _region_words(settings.region)
         count = f"  \n{shown} of {len(moment.grasps)} grasps drawn" if moment.grasps else ""
         self._caption.content = moment.caption + count
         if self._said is not None:
@@ -51,7 +57,8 @@ class Panel:
     @property
     def words(self) -> str:
         """What the panel says: of the moment, and of the grasp that was clicked."""
-        return str(self._caption.content) + (f"\n{self._said.content}" if self._said is not None else "")
+        parts = (self._caption, self._said, self._chosen)
+        return "\n".join(str(part.content) for part in parts if part is not None)
 
     def set(self, field: str, value: Any) -> None:
         """Moves a control, as a visitor would."""
@@ -80,13 +87,17 @@ class Panel:
             if most > 1:
                 self._add("most", gui.add_slider("at most", 0, most, 1, min(most, now.most)))
             self._add("hand", gui.add_dropdown("draw", HANDS, initial_value=now.hand))
+            if any(c.outcome is None for moment in self._contents.moments for c in moment.grasps):
+                gui.add_image(score_legend())
             self._said = gui.add_markdown(CLICK)
+            if any(moment.tsdf is not None for moment in self._contents.moments):
+                self._chosen = gui.add_markdown(AIM)
 
     def _surface(self) -> None:
         gui, now = self._gui, self._settings
         with gui.add_folder("Surface"):
             self._add("shows_surface", gui.add_checkbox("show", now.shows_surface))
-            options = COLOURINGS if self._contents.has_photos else ("plain", "confidence")
+            options = COLOURINGS if self._contents.photos else ("plain", "confidence")
             self._add("colouring", gui.add_dropdown("colour", options, initial_value=now.colouring))
             label = "the table, too"
             self._add("shows_reconstructed_table", gui.add_checkbox(label, now.shows_reconstructed_table))
@@ -108,3 +119,9 @@ class Panel:
                 self._add("shows_truth", gui.add_checkbox("true surface", now.shows_truth))
             if truth.grasps:
                 self._add("shows_true_grasps", gui.add_checkbox("true grasps", now.shows_true_grasps))
+
+
+def _region_words(region: Box) -> str:
+    """What makes `neugrasp predict` keep the same grasps."""
+    edges = " ".join(f"{edge:g}" for edge in region)
+    return f"**one object:** `--region {edges}`  \n*Shift and a click beside it: all.*"

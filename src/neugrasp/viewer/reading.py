@@ -12,17 +12,17 @@ from neugrasp.data.camera_checks import check_rigid
 from neugrasp.data.labels import labels_from_bytes
 from neugrasp.data.npz import npz_arrays
 from neugrasp.data.scene_folder import FILE, read_scene
+from neugrasp.detection.files import read_grasp_list
 from neugrasp.errors import InputError, NeuGraspError
-from neugrasp.export import read_grasp_list
 from neugrasp.geometry.pose import from_quaternion, inverse
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper, bundled
+from neugrasp.observation import View, Views
 from neugrasp.pictures.shading import free_where_unseen
 from neugrasp.simulation.scene import scene_from_json
 from neugrasp.viewer.bodies import solids_of
 from neugrasp.viewer.contents import Candidate, Contents, Grid, Moment, Solid, Truth
-from neugrasp.views import View, Views
 
 log = logging.getLogger(__name__)
 GRASPS, GRID = "grasps.json", "tsdf.npz"
@@ -50,7 +50,7 @@ def scene_contents(folder: Path, choices: Choices) -> Contents:
         gripper=gripper,
         views=in_workspace(views),
         moments=(Moment(f"{len(views)} photos, nothing predicted yet"),),
-        truth=_truth(folder, gripper, choices.objects),
+        truth=_truth(folder, views.workspace, gripper, choices.objects),
     )
 
 
@@ -67,7 +67,9 @@ def prediction_contents(folder: Path, choices: Choices) -> Contents:
             "prediction was made from: --scene DIR"
         )
     workspace_from_world = inverse(workspace.world_from_workspace)
-    candidates = tuple(Candidate(grasp.moved(workspace_from_world)) for grasp in grasps)
+    candidates = tuple(
+        Candidate(grasp.moved(workspace_from_world), number=number) for number, grasp in enumerate(grasps, 1)
+    )
     best = f", the best with score {grasps[0].score:.2f}" if grasps else ""
     moment = Moment(f"{len(grasps)} grasps{best}", tsdf, candidates)
     empty = Contents(folder.resolve().name, workspace, gripper)
@@ -77,7 +79,7 @@ def prediction_contents(folder: Path, choices: Choices) -> Contents:
 def in_workspace(views: Views) -> tuple[View, ...]:
     """The views with their cameras in the workspace frame."""
     workspace_from_world = inverse(views.workspace.world_from_workspace)
-    return tuple(replace(view, camera=view.camera.moved(workspace_from_world)) for view in views.views)
+    return tuple(replace(view, camera=view.camera.moved(workspace_from_world)) for view in views.frames)
 
 
 def _gripper(name: str, file: Path) -> Gripper:
@@ -122,13 +124,13 @@ def checked(grid: np.ndarray, workspace: Workspace, file: Path) -> Grid:
     return grid.astype(np.float32)
 
 
-def _truth(folder: Path, gripper: Gripper, objects: Path | None) -> Truth:
+def _truth(folder: Path, workspace: Workspace, gripper: Gripper, objects: Path | None) -> Truth:
     """What the generator left beside the photos."""
     grid = folder / "truth.npz"
     tsdf = None
     if grid.is_file():
         stored = npz_arrays(grid.read_bytes(), {"tsdf": "f"}, str(grid))["tsdf"]
-        tsdf = free_where_unseen(checked(stored, Workspace(), grid))
+        tsdf = free_where_unseen(checked(stored, workspace, grid))
     world = folder / "world.json"
     solids: tuple[Solid, ...] = ()
     if world.is_file():

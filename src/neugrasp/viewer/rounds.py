@@ -5,23 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from neugrasp.evaluation.episode import Attempt, Episode, read_episode
-from neugrasp.evaluation.folder import NEEDED, facts_of, library_of, scene_of
+from neugrasp.evaluation.folder import NEEDED, facts_of, library_of, scene_of, workspace_of
 from neugrasp.evaluation.rounds import Rounds
 from neugrasp.geometry.pose import from_quaternion
-from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
+from neugrasp.observation import Frame
 from neugrasp.simulation.scene import Scene
 from neugrasp.viewer.bodies import COLOURS, Identity, identity, solids_of
 from neugrasp.viewer.contents import Candidate, Colour, Contents, Moment, Solid
 from neugrasp.viewer.reading import Choices
-from neugrasp.views import View
-
-NO_PHOTO = np.zeros((0, 0, 3), dtype=np.uint8)
-"""Photos are not kept with a round."""
 
 
 def round_contents(evaluation: Path, number: int, choices: Choices) -> Contents:
@@ -29,9 +23,9 @@ def round_contents(evaluation: Path, number: int, choices: Choices) -> Contents:
     facts = facts_of(evaluation, NEEDED)
     episode = read_episode(evaluation / "rounds" / f"{number:06d}.json")
     library = library_of(evaluation, choices.objects)
-    workspace = Workspace()
+    workspace = workspace_of(facts)
     views = tuple(
-        View(NO_PHOTO, NO_PHOTO, camera, f"camera {i}")
+        Frame(camera, name=f"camera {i}")  # Photos are not kept with a round.
         for i, camera in enumerate(Rounds.of_facts(facts, library).sensors(number, workspace))
     )
     return Contents(

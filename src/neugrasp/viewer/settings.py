@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from neugrasp.detection.options import Box
 from neugrasp.pictures.slices import busiest_slice
 from neugrasp.viewer.contents import Candidate, Contents
 
@@ -39,6 +40,8 @@ class Settings:
     hand: Hand = "fingers"
     slice_axis: str = "none"
     slice_index: int = 0
+    region: Box | None = None
+    """Box of the world outside of which grasps are not drawn; that of an object that was chosen."""
     selected: Candidate | None = None
     """The grasp that was clicked."""
 
@@ -52,7 +55,7 @@ class Settings:
         index = contents.workspace.resolution // 2
         return replace(
             self,
-            colouring="plain" if needs_photos and not contents.has_photos else self.colouring,
+            colouring="plain" if needs_photos and not contents.photos else self.colouring,
             slice_index=index if tsdf is None else busiest_slice(tsdf, contents.workspace),
         )
 

@@ -11,7 +11,10 @@ import numpy as np
 from PIL import Image as Picture
 
 from neugrasp.errors import InputError
+from neugrasp.geometry.pose import Array
+from neugrasp.observation import Image
 from neugrasp.output import photos_in, whole_file
+from neugrasp.viewer.aim import object_on_line
 from neugrasp.viewer.browser import Browser
 from neugrasp.viewer.command import Viewer
 from neugrasp.viewer.contents import Candidate, Contents
@@ -20,7 +23,6 @@ from neugrasp.viewer.panel import Panel
 from neugrasp.viewer.settings import Settings
 from neugrasp.viewer.stage import Stage
 from neugrasp.viewer.viewpoint import viewpoint
-from neugrasp.views import Image
 
 log = logging.getLogger(__name__)
 SMALL = (480, 300)
@@ -34,11 +36,14 @@ GROUND = np.array([255, 255, 255])
 class Show:
     """Contents in the browser, with what the visitor has chosen."""
 
-    def __init__(self, contents: Contents, settings: Settings, host: str = "127.0.0.1", port: int = 8080):
+    def __init__(
+        self, contents: Contents, settings: Settings, host: str = "127.0.0.1", port: int | None = None
+    ):
         self.contents, self.settings = contents, settings
         self._lock = threading.Lock()
         self.stage = Stage(host, port, contents.title)
         self.stage.stand_at(viewpoint(contents, PAGE_ASPECT))
+        self.stage.on_aim(self.aim)
         self.panel = Panel(self.stage.gui, contents, settings, self.update)
         self.update(settings)
 
@@ -59,6 +64,15 @@ class Show:
         """Shows what there is to say of a grasp; of the same one again, nothing."""
         again = candidate is self.settings.selected
         self.update(replace(self.settings, selected=None if again else candidate))
+
+    def aim(self, origin: Array, direction: Array) -> None:
+        """Draws grasps only at the object on a line of sight; at all where it meets none."""
+        moment = self.contents.moment(self.settings.moment)
+        found = None
+        if moment.tsdf is not None:
+            found = object_on_line(moment.tsdf, self.contents.workspace, origin, direction)
+        region = None if found is None else found.region(self.contents.workspace)
+        self.update(replace(self.settings, region=region, selected=None))
 
     def picture(self, width: int, height: int) -> Image:
         """RGB (height, width, 3) of what the first visitor sees, on white."""

@@ -15,14 +15,17 @@ from numpy.typing import NDArray
 from neugrasp.errors import NeuGraspError, require
 from neugrasp.geometry.pose import Array, to_quaternion
 from neugrasp.viewer.contents import Candidate
+from neugrasp.viewer.door import free_port, guarded
 from neugrasp.viewer.glb import glb
-from neugrasp.viewer.nodes import AxesNode, LinesNode, MeshNode, Node, PictureNode
+from neugrasp.viewer.nodes import AxesNode, LabelNode, LinesNode, MeshNode, Node, PictureNode
 from neugrasp.viewer.viewpoint import Viewpoint
 
 PATIENCE = 300.0
 """Seconds that a browser may take to open the page, or to draw it. On an idle machine without a graphics card
 it is some ten and one; on a busy one it can be minutes."""
 
+LABEL = 0.011
+"""Metres: the height of numbers in the scene."""
 SHADOW = 0.3
 """How dark shadows are."""
 Clicked = Callable[[Candidate], None]
@@ -31,12 +34,13 @@ Clicked = Callable[[Candidate], None]
 class Stage:
     """A web server with one scene, which all browsers that visit it share."""
 
-    def __init__(self, host: str, port: int, title: str):
-        """Raises `MissingExtra` without viser."""
+    def __init__(self, host: str, port: int | None, title: str):
+        """Raises `MissingExtra` without viser, `InputError` where nobody can listen there."""
         viser = require("viser", extra="view")
         # A browser that hangs up in the middle of a greeting is no news.
         logging.getLogger("websockets").setLevel(logging.CRITICAL)
-        with contextlib.redirect_stdout(io.StringIO()):
+        port = free_port(host, port)
+        with contextlib.redirect_stdout(io.StringIO()), guarded(host):
             self._server: Any = viser.ViserServer(host=host, port=port, label=title, verbose=False)
         self._drawn: dict[str, tuple[Node, Any]] = {}
         self.gui: Any = self._server.gui
@@ -71,6 +75,13 @@ class Stage:
             for name, node in wanted.items():
                 if name not in self._drawn:
                     self._drawn[name] = (node, self._add(node, clicked))
+
+    def on_aim(self, aimed: Callable[[Array, Array], None]) -> None:
+        """Calls `aimed` with a line of sight, origin and direction, for each click with Shift held."""
+
+        @self._server.scene.on_click(modifier="shift")
+        def _(event: Any) -> None:
+            aimed(np.array(event.ray_origin), np.array(event.ray_direction))
 
     def wait_for_visitor(self) -> Any:
         """The first browser that has the page open. Raises `NeuGraspError` where none comes in time."""
@@ -131,6 +142,14 @@ class Stage:
             case LinesNode():
                 return self._server.scene.add_line_segments(
                     f"/{node.name}", node.segments, node.colour, thickness=node.thickness
+                )
+            case LabelNode():
+                return self._server.scene.add_label(
+                    f"/{node.name}",
+                    node.text,
+                    position=node.position,
+                    font_size_mode="scene",
+                    font_scene_height=LABEL,
                 )
             case AxesNode():
                 return self._server.scene.add_frame(

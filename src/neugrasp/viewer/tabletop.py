@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.views import View
+from neugrasp.observation import View
 
 PIXELS = 600
 """Of an edge of the picture."""
@@ -35,8 +35,7 @@ def tabletop(views: Sequence[View], workspace: Workspace) -> NDArray[np.uint8]:
     x, y = np.meshgrid(place, place[::-1])
     points = np.stack([x, y, np.full_like(x, workspace.table_height)], axis=-1)
     colours, weights = np.zeros((PIXELS, PIXELS, 3)), np.zeros((PIXELS, PIXELS))
-    shots = [view for view in views if view.background.size]
-    for view in shots:
+    for view in views:
         pixels, depth = view.camera.project(points)
         low, high = np.array(view.camera.bounds).reshape(2, 2)
         border = np.minimum(pixels - low, high - pixels).min(axis=-1) / (high - low).min()
@@ -48,7 +47,7 @@ def tabletop(views: Sequence[View], workspace: Workspace) -> NDArray[np.uint8]:
         seen = np.stack([map_coordinates(c, order, order=1, mode="nearest") for c in channels], axis=-1)
         colours += weight[..., None] * seen
         weights += weight
-    if not shots:
+    if not views:
         colours, weights = np.broadcast_to(DEFAULT, colours.shape).astype(float), np.ones_like(weights)
     opacity = 255 * (weights * 2).clip(0, 1)
     picture = np.concatenate([colours / np.maximum(weights, 1e-9)[..., None], opacity[..., None]], axis=-1)

@@ -1,29 +1,22 @@
-"""The files that a prediction leaves behind: grasps.json, surface.ply, tsdf.npz, overlay.png."""
+"""The files of a detection: grasps.json, surface.ply and tsdf.npz, written and read."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from PIL import Image as Picture
 
 from neugrasp.data.fields import Fields
 from neugrasp.data.strict_json import read_json
 from neugrasp.geometry.pose import from_quaternion, to_quaternion
-from neugrasp.geometry.surface import Surface, surface_of
+from neugrasp.geometry.surface import Surface
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
-from neugrasp.gripper import Gripper
-from neugrasp.pictures import overlay_sheet
-from neugrasp.views import Image, Views
-
-if TYPE_CHECKING:
-    from neugrasp.detection.detector import Detection
 
 FORMAT = "neugrasp-grasps"
 VERSION = 1
@@ -37,45 +30,33 @@ HIGHEST = 1.001
 """A score is a probability, but for rounding."""
 
 
-def write_prediction(folder: Path, views: Views, detection: Detection, gripper: Gripper) -> None:
-    """The four files of a prediction, everything in the user's world."""
-    workspace = views.workspace
-    surface = surface_of(detection.tsdf, workspace).moved(workspace.world_from_workspace)
-    write_surface(folder / "surface.ply", surface)
-    write_tsdf(folder / "tsdf.npz", detection.tsdf, workspace)
-    write_picture(folder / "overlay.png", overlay_sheet(views, detection.grasps, gripper))
-    origin = {"scene": views.source, "gripper": gripper.name}
-    write_grasps(folder / "grasps.json", detection.grasps, detection.rejected, detection.timing_s, origin)
-
-
-def write_grasps(
-    file: Path,
-    grasps: Sequence[Grasp],
-    rejected: Mapping[str, int] | None = None,
-    timing_s: Mapping[str, float] | None = None,
-    origin: Mapping[str, str] | None = None,
-) -> None:
-    """Grasps in the world frame, best first; how many candidates each reason rejected; seconds per stage;
-    the scene and the gripper they were found for."""
+def document(grasps: Iterable[Grasp], facts: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """The content of a `grasps.json`: grasps in the world frame, best first, and what else is known."""
     ordered = sorted(grasps, key=lambda grasp: -grasp.score)
     entries = [
         {
-            "position": [float(x) for x in grasp.position],
-            "quaternion_xyzw": [float(x) for x in to_quaternion(grasp.pose)],
+            "position": grasp.position.tolist(),
+            "quaternion_xyzw": to_quaternion(grasp.pose).tolist(),
             "width": float(grasp.width),
             "score": float(grasp.score),
+            "pregrasp_position": grasp.pregrasp[:3, 3].tolist(),
+            "retreat_position": grasp.retreat[:3, 3].tolist(),
         }
         for grasp in ordered
     ]
-    content = {
-        "format": FORMAT,
-        "version": VERSION,
-        "frame": "world",
-        **{key: value for key, value in (origin or {}).items() if value},
-        "grasps": entries,
-        "rejected": {reason: int(count) for reason, count in (rejected or {}).items()},
-        "timing_s": {stage: float(seconds) for stage, seconds in (timing_s or {}).items()},
-    }
+    head: dict[str, Any] = {"format": FORMAT, "version": VERSION, "frame": "world"}
+    if ordered:
+        head["up"] = list(ordered[0].up)
+    return {**head, "grasps": entries, **(facts or {})}
+
+
+def write_grasps(file: Path, grasps: Iterable[Grasp], facts: Mapping[str, Any] | None = None) -> None:
+    """A `grasps.json`, as `document` makes it."""
+    write_json(file, document(grasps, facts))
+
+
+def write_json(file: Path, content: Mapping[str, Any]) -> None:
+    """Plain data as a file of JSON. Raises `ValueError` on what JSON has no number for."""
     file.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
@@ -89,16 +70,25 @@ class GraspList:
     """The folder of the photos."""
     gripper: str | None
     """The name of the gripper that they were found for."""
+    knows_up: bool = True
+    """Whether it says which way is up; where it does not, the grasps take z."""
 
 
 def read_grasp_list(file: Path) -> GraspList:
     """The content of a `grasps.json`. Raises `InputError` naming the file and the field."""
     fields = Fields(str(file), read_json(file, "a list of grasps"))
+    grasps = grasps_of(fields)
+    scene, gripper = (fields.text(key) if key in fields.data else None for key in ("scene", "gripper"))
+    return GraspList(grasps, scene, gripper, knows_up="up" in fields.data)
+
+
+def grasps_of(fields: Fields) -> tuple[Grasp, ...]:
+    """The grasps of a `document`. Raises `InputError` naming the source and the field."""
     fields.expect(FORMAT, VERSION)
     if "frame" in fields.data:
         fields.text("frame", ("world",))
-    scene, gripper = (fields.text(key) if key in fields.data else None for key in ("scene", "gripper"))
-    return GraspList(tuple(map(_grasp, fields.each("grasps"))), scene, gripper)
+    x, y, z = fields.unit("up", 3).tolist() if "up" in fields.data else (0.0, 0.0, 1.0)
+    return tuple(replace(_grasp(entry), up=(x, y, z)) for entry in fields.each("grasps"))
 
 
 def read_grasps(file: Path) -> list[Grasp]:
@@ -144,8 +134,3 @@ def write_tsdf(file: Path, tsdf: ArrayLike, workspace: Workspace) -> None:
         truncation=workspace.truncation,
         world_from_workspace=workspace.world_from_workspace,
     )
-
-
-def write_picture(file: Path, image: Image) -> None:
-    """A file of the kind that its name says: PNG, or JPEG for many photos."""
-    Picture.fromarray(image).save(file)

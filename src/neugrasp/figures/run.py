@@ -1,0 +1,46 @@
+"""One of the figures, from a model and photos."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from neugrasp.detection.detector import NeuGraspDetector
+from neugrasp.errors import InputError
+from neugrasp.figures.command import DEFAULT_SCENE, Figure
+from neugrasp.figures.features import features_figure
+from neugrasp.figures.priors import priors_figure
+from neugrasp.figures.subject import open_subject
+from neugrasp.figures.trajectory import trajectory_figure
+from neugrasp.observation import Image
+from neugrasp.output import photos_in, whole_file
+from neugrasp.pictures import write_picture
+from neugrasp.terminal import next_step
+
+
+def run(config: Figure) -> str:
+    """`neugrasp figure`: the name of the picture, and what to do next."""
+    if config.without is not None and config.which != "priors":
+        raise InputError(f"--without is for the figure priors; {config.which} shows one model")
+    out = config.out or Path("outputs/figures") / f"{config.which}.png"
+    if out.suffix.lower() != ".png":
+        raise InputError(f"--out {out}: figures are PNG files; give a name that ends with .png")
+    with whole_file(out, inputs=photos_in(Path(config.scene))) as part:
+        write_picture(part, _drawn(config))
+    others = {"features": "priors", "priors": "trajectory", "trajectory": "features"}
+    scene = [] if config.scene == DEFAULT_SCENE else ["--scene", config.scene]
+    return f"{out}\n{next_step('figure', others[config.which], *scene)}"
+
+
+def _drawn(config: Figure) -> Image:
+    load = partial(
+        NeuGraspDetector.load, gripper=config.gripper, device=config.device, precision=config.precision
+    )
+    subject, detector = open_subject(config.scene, config.view), load(config.weights)
+    if config.which == "features":
+        return features_figure(subject, detector.model, np.random.default_rng(config.seed))
+    if config.which == "priors":
+        return priors_figure(subject, detector, None if config.without is None else load(config.without))
+    return trajectory_figure(subject, detector.detect(subject.views), detector.gripper)
