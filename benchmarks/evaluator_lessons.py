@@ -30,6 +30,7 @@ from neugrasp.detection.candidates import Candidates
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.detection.judge import Judge, JudgeConfig
 from neugrasp.errors import NeuGraspError
+from neugrasp.execution import AT_PREGRASP, NOTHING_HELD, ON_APPROACH, SLIPPED, SUCCESS
 from neugrasp.geometry.pose import Array, to_quaternion
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper, gripper_hash
@@ -40,7 +41,7 @@ from neugrasp.simulation.arrange import arrange
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.series import execute_each
-from neugrasp.simulation.trials import AT_PREGRASP, NOTHING_HELD, ON_APPROACH, SLIPPED, SUCCESS, Trial
+from neugrasp.simulation.trials import Trial
 from neugrasp.simulation.truth import scan
 
 MOST_AROUND = 20
