@@ -19,7 +19,7 @@ def test_scenes_are_cleared_and_a_stopped_run_goes_on(tmp_path: Path):
         times = [file.stat().st_mtime_ns for file in sorted(tmp_path.glob("*.npz"))]
         assert len(times) == int(num)
     lesson = read_lesson(tmp_path / "single-3-000000.npz")
-    assert 0 < len(lesson)
+    assert len(lesson) > 0
     assert not (lesson.success & ~lesson.free).any()
     assert gripper_of([tmp_path]) == {"gripper": "panda", "gripper_sha256": gripper_hash("panda")}
 
