@@ -29,7 +29,7 @@ from neugrasp.importers.command import Import, PrintBoard
 from neugrasp.report.command import DataSheet, Predict
 from neugrasp.simulation.command import Generate
 from neugrasp.terminal import check_command, printable, speak_plainly
-from neugrasp.training.command import Train
+from neugrasp.training.command import Train, TrainEvaluator
 from neugrasp.viewer.command import Viewer
 
 log = logging.getLogger(__name__)
@@ -79,6 +79,7 @@ COMMANDS: dict[str, Command] = {
     "import": Command(_positional(Import), "importers.importing:run"),
     "generate": Command(Generate, "simulation.generate:run"),
     "train": Command(Train, "training.trainer:run", "training.recipes:configured"),
+    "train-evaluator": Command(TrainEvaluator, "training.evaluator:run"),
     "evaluate": Command(Evaluate, "evaluation.run:run"),
     "board": Command(PrintBoard, "importers.sheet:run"),
     "export": Command(_positional(Export), "exporters.exporting:run"),

@@ -5,13 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from neugrasp.detection.ask_head import predict_grasps
 from neugrasp.detection.contract import Detection, Stopwatch
-from neugrasp.detection.decode import SelectionConfig, select_grasps
+from neugrasp.detection.decode import Prediction, Selection, SelectionConfig, select_grasps
 from neugrasp.detection.hand_check import HandCheck
+from neugrasp.detection.judge import Judge, judge_facts
 from neugrasp.detection.options import DetectorOptions
 from neugrasp.detection.registry import PHOTOS, DetectorSpec, weights_facts
 from neugrasp.errors import InputError
@@ -23,9 +25,14 @@ from neugrasp.model.inputs import ViewTensors, prepare
 from neugrasp.model.network import NeuGrasp
 from neugrasp.observation import Observation, with_backgrounds
 
+HINTS = 0.3
+"""Smoothed quality from which the head's peaks are judged beside what is drawn from the surface."""
+
 
 class NeuGraspDetector:
     """Photos to grasps with the network. Features of the last backgrounds are kept and reused.
+
+    With a `judge` the head only proposes; what is a grasp, and how sure, the evaluator says.
 
     One detector serves many threads, and many cells in turn.
     """
@@ -37,11 +44,13 @@ class NeuGraspDetector:
         selection: SelectionConfig | None = None,
         device: str | torch.device = "cpu",
         precision: str = "float32",
+        judge: Judge | None = None,
     ):
         self.compute = Compute.of(device, precision)
         self.model = model.to(self.compute.device).eval()
         self.gripper = gripper
         self.selection = selection or SelectionConfig()
+        self.judge = judge
         self._cached: tuple[Tensor, Tensor] | None = None
         """The backgrounds seen last and their feature maps."""
 
@@ -54,25 +63,36 @@ class NeuGraspDetector:
         threshold: float | None = None,
         hand_check: bool = True,
         precision: str = "float32",
+        evaluator: str | Path | None = None,
     ) -> NeuGraspDetector:
         """From shipped weights by name or a weights file, and a gripper by name or file.
 
         Without a `threshold`, the one noted with the weights when they were judged, else the paper's. With
         `hand_check`, grasps go as deep as the reconstructed surface lets the hand; those that would meet it,
-        or close on nothing, are dropped, and those that hold a rim only, where others hold more.
+        or close on nothing, are dropped, and those that hold a rim only, where others hold more. With an
+        `evaluator`, by name or file, that one judges instead, and the threshold is its own.
         Raises `InputError` where weights, gripper or threshold cannot be used.
         """
         checkpoint = load_checkpoint(weights)
-        threshold = threshold_of(checkpoint, threshold)
-        if not 0 <= threshold <= 1:
+        if threshold is not None and not 0 <= threshold <= 1:
             raise InputError(f"threshold {threshold}: must lie between 0 and 1")
         hand = Gripper.load(gripper)
+        if evaluator is not None:
+            judge = Judge.load(evaluator, gripper, checkpoint.workspace, threshold)
+            selection = SelectionConfig(threshold=HINTS)
+            return cls(checkpoint.model(), hand, selection, device, precision, judge)
+        threshold = threshold_of(checkpoint, threshold)
         selection = SelectionConfig(threshold=threshold, hand=HandCheck(hand) if hand_check else None)
         return cls(checkpoint.model(), hand, selection, device, precision)
 
     def __repr__(self) -> str:
         device = self.compute.device
-        return f"NeuGraspDetector({self.gripper.name}, threshold {self.selection.threshold:g}, {device})"
+        return f"NeuGraspDetector({self.gripper.name}, threshold {self.threshold:g}, {device})"
+
+    @property
+    def threshold(self) -> float:
+        """The score below which nothing is a grasp."""
+        return self.selection.threshold if self.judge is None else self.judge.config.threshold
 
     @torch.no_grad()
     def detect(self, seen: Observation) -> Detection:
@@ -101,7 +121,7 @@ class NeuGraspDetector:
                 tsdf = reconstruction.tsdf.float().cpu().numpy()
                 prediction = predict_grasps(self.model.head, tsdf, device)
         with watch.stage("selection"):
-            chosen = select_grasps(prediction, self.model.workspace, self.gripper, self.selection)
+            chosen = self._chosen(prediction)
             placed = views.workspace.world_from_workspace
             grasps = Grasps.of(grasp.moved(placed) for grasp in chosen.grasps)
         return Detection(
@@ -111,10 +131,17 @@ class NeuGraspDetector:
             prediction.tsdf,
             chosen.rejected,
             chosen.best_rejected,
-            self.selection.threshold,
+            self.threshold,
             watch.seconds,
             views.source,
         )
+
+    def _chosen(self, prediction: Prediction) -> Selection:
+        chosen = select_grasps(prediction, self.model.workspace, self.gripper, self.selection)
+        if self.judge is None:
+            return chosen
+        peaks = np.array([grasp.pose for grasp in chosen.grasps], np.float64).reshape(-1, 4, 4)
+        return self.judge.find(prediction.tsdf, self.model.workspace, peaks)
 
     def _backgrounds(self, inputs: ViewTensors) -> Tensor | None:
         if not self.model.config.use_backgrounds:
@@ -156,4 +183,23 @@ def _load(options: DetectorOptions) -> NeuGraspDetector:
     )
 
 
+def _load_judged(options: DetectorOptions) -> NeuGraspDetector:
+    return NeuGraspDetector.load(
+        options.weights,
+        options.gripper,
+        options.device,
+        threshold=options.threshold,
+        precision=options.precision,
+        evaluator=options.evaluator,
+    )
+
+
+def _judged_facts(options: DetectorOptions) -> dict[str, Any]:
+    workspace = load_checkpoint(options.weights).workspace
+    facts = facts_of(options) | judge_facts(options, workspace)
+    return {name: fact for name, fact in facts.items() if name != "hand_check"}
+
+
 SPEC = DetectorSpec(PHOTOS, _load, facts_of)
+JUDGED = DetectorSpec(PHOTOS, _load_judged, _judged_facts)
+"""The same surface; an evaluator of grasps in place of the head's scores and the rules."""

@@ -32,10 +32,6 @@ class HandCheck:
     """
 
     def __init__(self, gripper: Gripper, clearance: float = -0.1, grip: float = 0.1, room: float = 0.0075):
-        mount = np.array([0.0, gripper.max_opening / 2, gripper.finger_mount])
-        fingers = [_skin(hull, FINGER_SPACING) + mount for hull in gripper.finger.hulls]
-        turned = [points * [-1, -1, 1] for points in fingers]
-        palm = [_skin(hull, PALM_SPACING) for hull in gripper.palm.hulls]
         self.least_clearance = clearance
         """Signed distance, in units of the truncation, below which the open hand may not go: the surface is
         not known better than to a few millimetres."""
@@ -44,7 +40,7 @@ class HandCheck:
         self.least_room = room
         """Metres by which a hand goes deeper than the network said where it holds more than a rim."""
         self.finger_depth = gripper.finger_depth
-        self.hand: Array = np.concatenate([*fingers, *turned, *palm]) - [0, 0, gripper.tcp_height]
+        self.hand: Array = hand_points(gripper, FINGER_SPACING, PALM_SPACING)
         """(n, 3), grasp frame, metres."""
         self.between: Array = _between_pads(gripper)
         """(m, 3), grasp frame, metres."""
@@ -75,6 +71,16 @@ class HandCheck:
         """Whether the hand would hold anything at TCP poses (k, 4, 4), and whether it gets there."""
         holds = self.grip(tsdf, workspace, poses) >= self.least_grip
         return holds, self.clearance(tsdf, workspace, poses) > self.least_clearance
+
+
+def hand_points(gripper: Gripper, spacing: float, palm_spacing: float | None = None) -> Array:
+    """Points (n, 3) on the skin of the open hand in the grasp frame, about `spacing` metres apart."""
+    mount = np.array([0.0, gripper.max_opening / 2, gripper.finger_mount])
+    fingers = [_skin(hull, spacing) + mount for hull in gripper.finger.hulls]
+    turned = [points * [-1, -1, 1] for points in fingers]
+    palm = [_skin(hull, palm_spacing or spacing) for hull in gripper.palm.hulls]
+    points: Array = np.concatenate([*fingers, *turned, *palm]) - [0, 0, gripper.tcp_height]
+    return points
 
 
 def _read(tsdf: Grid, workspace: Workspace, poses: Array, points: Array) -> Grid:

@@ -22,6 +22,8 @@ class DetectorOptions:
     """Score from which a grasp is one; None: the detector's own."""
     hand_check: bool = True
     """Whether grasps go as deep as the surface lets the hand, and are dropped where it would meet it."""
+    evaluator: str = "neugrasp"
+    """A name of a bundled evaluator of grasps, or a file: what the detectors that have one ask."""
     seed: int = 0
     """Of detectors that draw random numbers."""
     device: str = "cpu"

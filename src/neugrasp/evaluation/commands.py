@@ -38,6 +38,8 @@ class Evaluate:
     """paper, vgn or graspnerf: what counts as a success, and out of what (docs/benchmark.md)."""
     weights: str = "neugrasp"
     """A name of bundled weights, or a file; for vgn, and for an oracle with VGN's head, a .pth of VGN."""
+    evaluator: str = "neugrasp"
+    """A name of a bundled evaluator of grasps, or a file: what the detectors that have one ask."""
     hand_check: bool = True
     """Send grasps as deep as the surface lets the hand, and drop those whose hand would meet it, or close
     on nothing. Never for VGN."""
@@ -72,6 +74,7 @@ class Evaluate:
             gripper=self.gripper,
             threshold=self.threshold,
             hand_check=self.hand_check,
+            evaluator=self.evaluator,
             seed=self.seed,
             device=self.device,
             precision=self.precision,
@@ -92,7 +95,7 @@ class Evaluate:
                 continue
             if field.name == "objects":
                 value = "OBJECTS"
-            elif field.name in ("weights", "gripper"):
+            elif field.name in ("weights", "gripper", "evaluator"):
                 value = Path(value).name
             name = field.name.replace("_", "-")
             words += [f"--no-{name}"] if value is False else [f"--{name}", str(value)]

@@ -19,8 +19,10 @@ from neugrasp.detection.contract import Detection
 from neugrasp.detection.decode import SelectionConfig, select_grasps
 from neugrasp.detection.detector import facts_of, threshold_of
 from neugrasp.detection.hand_check import HandCheck
+from neugrasp.detection.judge import Judge, judge_facts
 from neugrasp.detection.options import DetectorOptions
 from neugrasp.detection.registry import TRUTH, DetectorSpec
+from neugrasp.geometry.workspace import USUAL
 from neugrasp.grasp import Grasps
 from neugrasp.gripper import Gripper
 from neugrasp.model.checkpoint import load_checkpoint
@@ -63,6 +65,28 @@ class Oracle:
 
 
 @dataclass(frozen=True)
+class JudgedTruth:
+    """The evaluator of grasps on the true TSDF."""
+
+    judge: Judge
+
+    def detect(self, truth: Truth) -> Detection:
+        """What the judge finds, best first."""
+        tsdf = truth.tsdf.values
+        chosen = self.judge.find(tsdf, truth.workspace)
+        placed = truth.workspace.world_from_workspace
+        return Detection(
+            Grasps.of(grasp.moved(placed) for grasp in chosen.grasps),
+            truth.workspace,
+            self.judge.gripper,
+            tsdf,
+            chosen.rejected,
+            chosen.best_rejected,
+            self.judge.config.threshold,
+        )
+
+
+@dataclass(frozen=True)
 class Antipodal:
     """Random antipodal candidates on the true surface, all equally good."""
 
@@ -98,9 +122,18 @@ def _oracle_facts(options: DetectorOptions) -> dict[str, Any]:
     return vgn_facts(options) if is_vgn(options.weights) else facts_of(options)
 
 
+def _judged(options: DetectorOptions) -> JudgedTruth:
+    return JudgedTruth(Judge.load(options.evaluator, options.gripper, USUAL, options.threshold))
+
+
+def _judged_facts(options: DetectorOptions) -> dict[str, Any]:
+    return judge_facts(options, USUAL)
+
+
 def _antipodal(options: DetectorOptions) -> Antipodal:
     return Antipodal(Gripper.load(options.gripper), options.seed)
 
 
 ORACLE = DetectorSpec(TRUTH, _oracle, _oracle_facts)
+JUDGED = DetectorSpec(TRUTH, _judged, _judged_facts)
 ANTIPODAL = DetectorSpec(TRUTH, _antipodal)

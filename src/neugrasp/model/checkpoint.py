@@ -110,10 +110,11 @@ def find_weights(name_or_path: str | Path) -> Path:
 def load_checkpoint(name_or_path: str | Path) -> Checkpoint:
     """Reads weights by name or from a file. Raises `InputError` on a damaged, foreign or newer file."""
     path = find_weights(name_or_path)
-    described, tensors = _opened(path, NEUGRASP)
-    config = _config_from(_described(path, described, "config"))
+    metadata, tensors = _weights_of(path, NEUGRASP)
+    config = _config_from(described(path, metadata, "config"))
     _check_tensors(path, partial(NeuGrasp, config), tensors)
-    return Checkpoint(config, tensors, _about(path, described), _workspace_from(path, described))
+    about = described(path, metadata, "about") if "about" in metadata else Fields(str(path), {}, "about.")
+    return Checkpoint(config, tensors, _checked_about(about), workspace_from(path, metadata))
 
 
 Config = TypeVar("Config", bound=NetworkConfig)
@@ -124,20 +125,32 @@ def load_network(
     path: Path, name: str, kind: type[Config], build: Callable[[Config, Workspace], Network]
 ) -> Network:
     """A network of another name with its weights, float32, ready to predict. Raises as `load_checkpoint`."""
-    described, tensors = _opened(path, name)
-    given = _described(path, described, "config")
+    metadata, tensors = _weights_of(path, name)
+    given = described(path, metadata, "config")
     known = {one.name: getattr(kind(), one.name) for one in fields(kind)}
     given.only(known)
     config = kind(**{entry: _entry(given, entry, known[entry]) for entry in given.data})
-    workspace = _workspace_from(path, described)
+    workspace = workspace_from(path, metadata)
     _check_tensors(path, partial(build, config, workspace), tensors)
     network = build(config, workspace)
     network.load_state_dict({key: tensor.float() for key, tensor in tensors.items()})
     return network.eval()
 
 
-def _opened(path: Path, network: str) -> tuple[dict[str, str], dict[str, Tensor]]:
+def _weights_of(path: Path, network: str) -> tuple[dict[str, str], dict[str, Tensor]]:
     """Metadata and tensors of weights of the network of that name."""
+    metadata, tensors = read_weights(path, FORMAT, "NeuGrasp weights")
+    found = metadata.get("network", NEUGRASP)
+    if found != network:
+        raise InputError(f"{path}: weights of the network {found[:40]!r}, not {network!r}; give --detector")
+    return metadata, tensors
+
+
+def read_weights(path: Path, kind: str, words: str) -> tuple[dict[str, str], dict[str, Tensor]]:
+    """Metadata and tensors of a weights file of the format `kind`, which messages call `words`.
+
+    Raises `InputError` on a damaged, foreign or newer file.
+    """
     try:
         with safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}
@@ -152,19 +165,11 @@ def _opened(path: Path, network: str) -> tuple[dict[str, str], dict[str, Tensor]
         AttributeError,
     ) as error:
         raise InputError(f"{path}: not a readable safetensors file ({error})") from error
-    if metadata.get("format") != FORMAT:
+    if metadata.get("format") != kind:
         found = f"{metadata.get('format')!r}"[:40]
-        raise InputError(f"{path}: not NeuGrasp weights (format {found}, not {FORMAT!r})")
+        raise InputError(f"{path}: not {words} (format {found}, not {kind!r})")
     _check_version(path, metadata.get("version", ""))
-    found = metadata.get("network", NEUGRASP)
-    if found != network:
-        raise InputError(f"{path}: weights of the network {found[:40]!r}, not {network!r}; give --detector")
     return metadata, tensors
-
-
-def _about(path: Path, metadata: dict[str, str]) -> dict[str, Any]:
-    about = _described(path, metadata, "about") if "about" in metadata else Fields(str(path), {}, "about.")
-    return _checked_about(about)
 
 
 def _check_version(path: Path, version: str) -> None:
@@ -176,7 +181,7 @@ def _check_version(path: Path, version: str) -> None:
         raise InputError(f"{path}: format version {version[:20]!r}; this program reads {VERSION}")
 
 
-def _described(path: Path, metadata: dict[str, str], entry: str) -> Fields:
+def described(path: Path, metadata: dict[str, str], entry: str) -> Fields:
     """The JSON object in the metadata."""
     if entry not in metadata:
         raise InputError(f"{path}: not NeuGrasp weights (no {entry} in its metadata)")
@@ -184,32 +189,30 @@ def _described(path: Path, metadata: dict[str, str], entry: str) -> Fields:
     return Fields(str(path), Fields(where, parse_json(metadata[entry], where)).data, f"{entry}.")
 
 
-def _config_from(described: Fields) -> ModelConfig:
+def _config_from(told: Fields) -> ModelConfig:
     known = {one.name: one.default for one in fields(ModelConfig)}
-    if unknown := set(described.data) - known.keys():
+    if unknown := set(told.data) - known.keys():
         names = sorted(unknown)[:3]
-        raise InputError(
-            f"{described.source}: its configuration has unknown entries {names}; update neugrasp"
-        )
-    entries = {name: _entry(described, name, known[name]) for name in described.data}
+        raise InputError(f"{told.source}: its configuration has unknown entries {names}; update neugrasp")
+    entries = {name: _entry(told, name, known[name]) for name in told.data}
     config = ModelConfig(**entries)
     for name in ("feature_dim", "volume_dim"):
         if getattr(config, name) < 2:
-            raise described.refuse(name, f"is {getattr(config, name)}; layers of half as many must have one")
+            raise told.refuse(name, f"is {getattr(config, name)}; layers of half as many must have one")
     if config.image_size % 16:
-        raise described.refuse("image_size", f"is {config.image_size}; it must be a multiple of 16")
+        raise told.refuse("image_size", f"is {config.image_size}; it must be a multiple of 16")
     return config
 
 
-def _workspace_from(path: Path, metadata: dict[str, str]) -> Workspace:
+def workspace_from(path: Path, metadata: dict[str, str]) -> Workspace:
     """The cube that is written down; weights of before it was are for the usual one."""
     if "workspace" not in metadata:
         return USUAL
-    described = _described(path, metadata, "workspace")
-    described.only(CUBE)
+    cube = described(path, metadata, "workspace")
+    cube.only(CUBE)
     for name in CUBE:
-        described.get(name)
-    return Workspace.from_dict(described)
+        cube.get(name)
+    return Workspace.from_dict(cube)
 
 
 def _entry(described: Fields, name: str, default: Any) -> Any:
@@ -223,6 +226,10 @@ def _entry(described: Fields, name: str, default: Any) -> Any:
         numbered = Fields(described.source, {f"{i}": x for i, x in enumerate(row)}, f"config.{name}.")
         most = DEEPEST if name == "encoder_blocks" else LARGEST
         return tuple(numbered.whole(f"{i}", 1, most) for i in range(len(row)))
+    if isinstance(default, float):
+        return described.number(name, -1e9, 1e9)
+    if isinstance(default, str):
+        return described.text(name)
     return described.whole(name, 1, LARGEST)
 
 

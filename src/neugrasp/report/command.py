@@ -32,6 +32,8 @@ class Predict:
     """Write report.html, too: the scene to turn, why candidates fell out, the doctor's verdict."""
     hand_check: bool = True
     """Send grasps as deep as the surface lets the hand, and drop those that it speaks against."""
+    evaluator: str = "neugrasp"
+    """A bundled evaluator of grasps, or a file: what `--detector neugrasp-evaluator` asks."""
     steering: Steering = field(default_factory=Steering)
     device: str = "cpu"
     """Where PyTorch computes: cpu, cuda, cuda:1."""

@@ -72,6 +72,7 @@ def _detector(run: Predict) -> Detector[Observation]:
             gripper=run.gripper,
             threshold=run.threshold,
             hand_check=run.hand_check,
+            evaluator=run.evaluator,
             device=run.device,
             precision=run.precision,
         )

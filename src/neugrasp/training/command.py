@@ -44,3 +44,23 @@ class Train:
     """Go on from the last checkpoint in --out."""
     loaders: int = 1
     """Processes that prepare scenes while a step runs; 0: none, so that each step waits for its own."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainEvaluator:
+    """Trains the evaluator of grasps on tried grasps. Goes on with --resume exactly where it stopped."""
+
+    doing: ClassVar[str] = "reading the lessons, then training"
+
+    data: tuple[Path, ...]
+    """Folders of lessons, as benchmarks/evaluator_lessons.py makes them; one scene of eight is kept aside."""
+    out: Path
+    """Where evaluator.safetensors, checkpoints and logs are written."""
+    init: str | None = None
+    """An evaluator to start from, by name or file."""
+    steps: int = 5_000
+    """Of 256 grasps each."""
+    seed: int = 0
+    """Of the first weights and of the order of the grasps."""
+    resume: bool = False
+    """Go on from the last checkpoint in --out."""

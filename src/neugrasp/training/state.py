@@ -6,7 +6,7 @@ import json
 import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, cast
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -15,23 +15,34 @@ from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
 from neugrasp.errors import InputError
-from neugrasp.training.config import TrainConfig
+from neugrasp.training.config import Optimiser
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 STATE = "state.safetensors"
 Tensors = tuple[Tensor, ...] | list[Tensor]
+Net = TypeVar("Net", bound=nn.Module)
+
+
+class Course(Protocol):
+    """What a learner must know of a configuration."""
+
+    @property
+    def optimiser(self) -> Optimiser: ...
 
 
 @dataclass(frozen=True)
-class Learner:
+class Learner(Generic[Net]):
     """What a step changes."""
 
-    model: nn.Module
+    model: Net
     average: AveragedModel
     """The moving average of the weights: what is validated and shipped."""
     optimizer: torch.optim.Adam
 
     @classmethod
-    def of(cls, model: nn.Module, config: TrainConfig) -> Learner:
+    def of(cls, model: Net, config: Course) -> Learner[Net]:
         """A learner at its start."""
 
         def averaged(averages: Tensors, now: Tensors, count: Tensor | int) -> None:
@@ -50,16 +61,16 @@ class Learner:
         self.average.update_parameters(self.model)
 
     @property
-    def smooth(self) -> Any:
+    def smooth(self) -> Net:
         """The network with averaged weights."""
-        return self.average.module
+        return cast(Net, self.average.module)
 
 
 @dataclass(frozen=True)
 class Identity:
     """What a run that goes on must share with the one that stopped."""
 
-    config: TrainConfig
+    config: DataclassInstance
     data: str
     """A hash of the training data."""
     init: str | None = None
@@ -73,7 +84,7 @@ class Identity:
     def facts(self) -> dict[str, Any]:
         """As plain data, nested names joined with dots."""
         facts = _flat(asdict(self.config)) | {"data": self.data, "init": self.init}
-        if facts["network"] == "neugrasp":
+        if facts.get("network") == "neugrasp":
             del facts["network"]  # States of before there were others do not say it.
         return {key: value for key, value in facts.items() if key not in MAY_CHANGE}
 
@@ -91,7 +102,7 @@ def _flat(data: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     return flat
 
 
-def save_state(folder: Path, learner: Learner, step: int, identity: Identity) -> None:
+def save_state(folder: Path, learner: Learner[Any], step: int, identity: Identity) -> None:
     """Writes weights, their average, Adam's moments and the number of finished steps, whole or not at all."""
     model, optimizer = learner.model, learner.optimizer
     names = {id(parameter): name for name, parameter in model.named_parameters()}
@@ -126,7 +137,7 @@ def saved_facts(folder: Path) -> dict[str, Any]:
         raise InputError(f"{path}: cannot be read ({error!r}); remove it to start again") from error
 
 
-def load_state(folder: Path, learner: Learner, identity: Identity) -> int:
+def load_state(folder: Path, learner: Learner[Any], identity: Identity) -> int:
     """Puts a saved state back and gives the number of finished steps; 0 where nothing was saved.
 
     Raises `InputError` where the state is damaged or belongs to another configuration or other data.

@@ -70,7 +70,7 @@ def _trained(run: Train, config: TrainConfig, stop_after: int | None) -> Path:
     torch.manual_seed(config.seed)
     scenes, held_out = _open_data(run, config)
     spec = network_spec(config.network)
-    model = spec.build(config.model, scenes.workspace)
+    model: Any = spec.build(config.model, scenes.workspace)
     if run.init:
         _start_from(model, run.init)
     device = Compute.of(run.device).device
@@ -101,7 +101,7 @@ class _Run:
     config: TrainConfig
     spec: NetworkSpec
     ranks: Ranks
-    learner: Learner
+    learner: Learner[Any]
     identity: Identity
     held_out: _HeldOut
     num_scenes: int
@@ -226,7 +226,7 @@ def _places(folder: Path) -> list[tuple[Records, int]]:
 
 
 def _step(
-    module: nn.Module, learner: Learner, batch: Batch, config: TrainConfig, step: int
+    module: nn.Module, learner: Learner[Any], batch: Batch, config: TrainConfig, step: int
 ) -> dict[str, float]:
     """One update; everything random in it follows from the seed and the step's number."""
     for group in learner.optimizer.param_groups:

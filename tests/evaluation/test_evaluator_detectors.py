@@ -1,0 +1,99 @@
+"""Detectors that ask an evaluator of grasps play the rounds."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from neugrasp.data.scene_folder import read_scene
+from neugrasp.demo.bundled import demo_scenes
+from neugrasp.detection.detector import NeuGraspDetector
+from neugrasp.errors import InputError
+from neugrasp.evaluation.commands import Evaluate
+from neugrasp.evaluation.run import evaluate
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.gripper import gripper_hash
+from neugrasp.model.evaluator_file import load_evaluator, save_evaluator, shipped_evaluators
+from neugrasp.model.grasp_evaluator import GraspEvaluator
+from neugrasp.report.command import Predict
+from neugrasp.report.predict import predict
+
+ORACLE, ON_PHOTOS = "neugrasp.evaluation.measuring_sticks:JUDGED", "neugrasp.detection.detector:JUDGED"
+"""By module: an installation of before them does not know the names."""
+
+
+def test_both_have_names():
+    entries = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))
+    named = entries["project"]["entry-points"]["neugrasp.detectors"]
+    assert (named["oracle-evaluator"], named["neugrasp-evaluator"]) == (ORACLE, ON_PHOTOS)
+
+
+@pytest.fixture(scope="module")
+def evaluator(tmp_path_factory) -> Path:
+    """One that knows nothing yet."""
+    torch.manual_seed(0)
+    path = tmp_path_factory.mktemp("evaluator") / "young.safetensors"
+    about = {"gripper": "panda", "gripper_sha256": gripper_hash("panda"), "threshold": 0.1}
+    save_evaluator(path, GraspEvaluator((4, 6, 8), 8), Workspace(), about)
+    return path
+
+
+def test_it_plays_a_round_and_says_what_it_asked(evaluator, tmp_path):
+    config = Evaluate(
+        out=tmp_path,
+        detector=ORACLE,
+        evaluator=str(evaluator),
+        scene="single",
+        rounds=1,
+        workers=1,
+    )
+    evaluate(config)
+    metrics = json.loads((tmp_path / "metrics.json").read_text())
+    assert metrics["attempts"] > 0
+    assert metrics["evaluator"] == "young.safetensors"
+    assert len(metrics["evaluator_sha256"]) == 64
+    assert metrics["threshold"] == metrics["judge"]["threshold"] == 0.1
+    assert "--evaluator young.safetensors" in metrics["command"]
+
+
+def test_photos_are_judged_by_it(evaluator):
+    views = read_scene(demo_scenes()[0].folder)
+    detector = NeuGraspDetector.load(evaluator=evaluator)
+    found, again = detector.detect(views), detector.detect(views)
+    assert found.grasps
+    assert found.threshold == 0.1
+    assert set(found.rejected) == {"not_the_best_nearby", "quality_below_threshold"}
+    assert [g.score for g in found.grasps] == [g.score for g in again.grasps]
+    with_head = NeuGraspDetector.load().detect(views)
+    assert np.array_equal(found.tsdf, with_head.tsdf)
+    assert set(found.rejected) != set(with_head.rejected)
+
+
+def test_it_refuses_what_it_was_not_made_for(evaluator, tmp_path):
+    with pytest.raises(InputError, match=r"taught with the gripper 'panda', not with"):
+        NeuGraspDetector.load(evaluator=evaluator, gripper="robotiq_2f85")
+    other = tmp_path / "other.safetensors"
+    about = {"gripper": "panda", "gripper_sha256": gripper_hash("panda")}
+    save_evaluator(other, GraspEvaluator((2, 2, 2), 2), Workspace(size=0.6), about)
+    with pytest.raises(InputError, match=r"reads a cube of 0\.6 m"):
+        NeuGraspDetector.load(evaluator=other)
+
+
+def test_predict_asks_the_bundled_one(tmp_path):
+    run = Predict(scene=demo_scenes()[0].folder, out=tmp_path / "out", detector=ON_PHOTOS)
+    assert "grasps, the best with score" in predict(run)
+    grasps = json.loads((tmp_path / "out" / "grasps.json").read_text())["grasps"]
+    assert all(grasp["score"] >= load_evaluator("neugrasp").about["threshold"] for grasp in grasps)
+
+
+def test_the_bundled_one_is_small_and_knows_the_panda():
+    (path,) = shipped_evaluators().values()
+    assert path.stat().st_size < 500_000
+    about = load_evaluator("neugrasp").about
+    assert about["gripper_sha256"] == gripper_hash("panda")
+    assert about["scores"]["auc"] > 0.9

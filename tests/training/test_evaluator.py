@@ -1,0 +1,158 @@
+"""The evaluator of grasps learns, can be stopped anywhere, and says how far it can be believed."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file, save_file
+
+from neugrasp.data.lessons import ABOUT, Lesson, about_lessons, joined, read_lesson, write_lesson
+from neugrasp.detection.judge import Judge
+from neugrasp.errors import InputError
+from neugrasp.geometry.workspace import Workspace
+from neugrasp.model.evaluator_file import load_evaluator
+from neugrasp.training.evaluator import (
+    EvaluatorConfig,
+    EvaluatorRun,
+    judgement,
+    reliability_table,
+    seen_of,
+    train_evaluator,
+)
+
+WORKSPACE = Workspace()
+TINY = EvaluatorConfig(steps=6, batch=16, widths=(4, 6, 8), hidden=8, checkpoint_every=2)
+
+
+def lesson(seed: int, count: int = 40) -> Lesson:
+    """A ball; a grasp from above holds where the TCP is near its middle."""
+    rng = np.random.default_rng(seed)
+    centre = np.array([*rng.uniform(0.1, 0.2, 2), 0.08])
+    places = WORKSPACE.voxel_centres()
+    distance = np.minimum(np.linalg.norm(places - centre, axis=-1) - 0.025, places[..., 2] - 0.05)
+    positions = centre + rng.uniform(-0.04, 0.04, (count, 3)) * [1, 1, 0]
+    near = np.linalg.norm(positions - centre, axis=1) < 0.03
+    return Lesson(
+        np.clip(distance / WORKSPACE.truncation, -1, 1)[None].astype(np.float16),
+        positions.astype(np.float32),
+        np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1)),
+        near,
+        np.ones(count, np.bool_),
+        np.zeros(count, np.uint8),
+    )
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("lessons")
+    for seed in range(12):
+        write_lesson(folder / f"ball-{seed:02d}.npz", lesson(seed))
+    told_of(folder, "panda")
+    return folder
+
+
+def told_of(folder: Path, gripper: str) -> None:
+    (folder / ABOUT).write_text(json.dumps(about_lessons(gripper, f"hash of {gripper}")))
+
+
+def test_a_lesson_comes_back_as_it_was_written(tmp_path):
+    both = joined([lesson(1, 5), lesson(2, 3)])
+    write_lesson(tmp_path / "both.npz", both)
+    again = read_lesson(tmp_path / "both.npz")
+    assert again.seen.tolist() == [0] * 5 + [1] * 3
+    for name in ("grids", "positions", "quaternions", "success", "free", "seen"):
+        assert np.array_equal(getattr(again, name), getattr(both, name))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"seen": np.full(40, 3, np.uint8)}, "seen names number 3 of 1 grids"),
+        ({"positions": np.zeros((39, 3), np.float32)}, "positions is float32"),
+        ({"grids": np.zeros((1, 4, 4, 4), np.float16)}, "grids have the shape"),
+    ],
+)
+def test_a_damaged_lesson_is_named(tmp_path, change, message):
+    write_lesson(tmp_path / "bad.npz", replace(lesson(1), **change))
+    with pytest.raises(InputError, match=rf"bad\.npz: {message}"):
+        read_lesson(tmp_path / "bad.npz")
+
+
+def test_each_trial_is_seen_in_its_own_grid():
+    one, other = lesson(1, 6), lesson(2, 6)
+    apart = [seen_of([each], WORKSPACE) for each in (one, other)]
+    together = seen_of([joined([one, other])], WORKSPACE)
+    assert torch.equal(together.box, torch.cat([each.box for each in apart]))
+    assert together.success.tolist() == [*one.success, *other.success]
+
+
+def test_stopped_and_resumed_equals_never_stopped(data, tmp_path):
+    whole = train_evaluator(EvaluatorRun(data=(data,), out=tmp_path / "whole", config=TINY))
+    parts = EvaluatorRun(data=(data,), out=tmp_path / "parts", config=TINY, resume=True)
+    for stop in (3, 6):
+        same = train_evaluator(parts, stop_after=stop)
+    first, second = load_file(whole), load_file(same)
+    assert all(torch.equal(first[name], second[name]) for name in first)
+    logs = [(weights.parent / "log.jsonl").read_text() for weights in (whole, same)]
+    assert logs[0] == logs[1]
+    with pytest.raises(InputError, match="add --resume"):
+        train_evaluator(replace(parts, resume=False))
+    with pytest.raises(InputError, match="other values of batch"):
+        train_evaluator(replace(parts, config=replace(TINY, batch=8)))
+
+
+def test_it_learns_where_a_ball_is_held(data, tmp_path):
+    config = replace(TINY, steps=150, batch=64, checkpoint_every=150)
+    weights = train_evaluator(EvaluatorRun(data=(data,), out=tmp_path, config=config))
+    scores = load_evaluator(weights).about["scores"]
+    assert scores["auc"] > 0.9
+    table = reliability_table(weights)
+    assert "auc_free" in table
+    assert sum(value for name, value in scores.items() if name.endswith("trials")) == 40
+
+
+def test_the_reliability_curve_of_one_who_knows_nothing(data):
+    seen = seen_of([read_lesson(file) for file in sorted(data.glob("*.npz"))], WORKSPACE)
+
+    class Half(torch.nn.Module):
+        def symmetric(self, box, of_up):
+            return torch.zeros(len(box))
+
+    scores = judgement(Half(), seen)
+    held = float(seen.success.mean())
+    assert scores["auc"] == 0.5
+    assert scores["from 0.5 held"] == pytest.approx(held)
+    assert scores["calibration_error"] == pytest.approx(abs(0.5 - held))
+
+
+def test_no_lessons_no_training(tmp_path):
+    with pytest.raises(InputError, match="0 lessons"):
+        train_evaluator(EvaluatorRun(data=(tmp_path,), out=tmp_path / "out", config=TINY))
+
+
+def test_lessons_of_two_grippers_are_not_mixed(data, tmp_path):
+    write_lesson(tmp_path / "ball-05.npz", lesson(5))
+    told_of(tmp_path, "mine")
+    with pytest.raises(InputError, match="tried with mine, others with panda"):
+        train_evaluator(EvaluatorRun(data=(data, tmp_path), out=tmp_path / "out", config=TINY))
+
+
+def test_an_evaluator_knows_its_gripper(data, tmp_path):
+    weights = train_evaluator(EvaluatorRun(data=(data,), out=tmp_path, config=replace(TINY, steps=1)))
+    with pytest.raises(InputError, match="taught with the gripper 'panda', not with"):
+        Judge.load(weights, "panda", WORKSPACE)  # one of another hash
+
+
+def test_a_damaged_evaluator_is_named(data, tmp_path):
+    weights = train_evaluator(EvaluatorRun(data=(data,), out=tmp_path, config=replace(TINY, steps=1)))
+    with pytest.raises(InputError, match="neither a file nor"):
+        load_evaluator(tmp_path / "nobody.safetensors")
+    tensors = load_file(weights)
+    save_file(tensors, tmp_path / "foreign.safetensors", {"format": "neugrasp-weights", "version": "1"})
+    with pytest.raises(InputError, match="not an evaluator of grasps"):
+        load_evaluator(tmp_path / "foreign.safetensors")
