@@ -85,3 +85,26 @@ def test_apart_keeps_the_best_of_each_place():
     poses = np.stack([rigid(translation=(x, 0, 0)) for x in (0.0, 0.01, 0.031, 0.05)])
     assert apart(poses, np.array([0.5, 0.9, 0.8, 0.0]), 0.02, 9) == [1, 2]
     assert apart(poses, np.array([0.5, 0.9, 0.8, 0.0]), 0.02, 1) == [1]
+
+
+def test_what_is_thinner_than_a_voxel_has_a_width_and_nothing_has_none():
+    """A width of 0 is no grasp: other programs refuse a list that holds one."""
+    judge, down = Judge(Deep(), GRIPPER), np.diag([1.0, -1.0, -1.0])
+    grid = np.ones((WORKSPACE.resolution,) * 3, np.float32)
+    grid[:, 20, :] = -0.1  # A plate across the closing direction, one voxel thick.
+    plate, beside = WORKSPACE.position_of((20, 20, 20)), WORKSPACE.position_of((20, 5, 20))
+    poses = np.stack([rigid(down, plate), rigid(down, beside)])
+    thin, none = judge.widths(grid, WORKSPACE, poses)
+    assert 0 < thin < 3 * WORKSPACE.voxel_size
+    assert none == 0
+
+
+def test_a_grasp_of_nothing_is_dropped_and_counted():
+    class Sure(Deep):
+        def forward(self, box: torch.Tensor, of_up: torch.Tensor) -> torch.Tensor:
+            return torch.full((len(box),), 5.0)
+
+    above = rigid(np.diag([1.0, -1.0, -1.0]), (0.05, 0.25, 0.2))[None]
+    chosen = Judge(Sure(), GRIPPER).find(grid_of(CENTRE), WORKSPACE, others=above)
+    assert all(grasp.width > 0 for grasp in chosen.grasps)
+    assert chosen.rejected["nothing_between_the_fingers"] >= 1

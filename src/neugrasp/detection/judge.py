@@ -103,10 +103,12 @@ class Judge:
         good = said >= max(config.threshold, best_said - config.margin)
         order = np.argsort(-said, kind="stable")[: np.count_nonzero(good)][: config.most]
         chosen = poses[places][order]
-        told = zip(chosen, self.widths(tsdf, workspace, chosen), said[order], strict=True)
+        widths = self.widths(tsdf, workspace, chosen)
+        told = zip(chosen[widths > 0], widths[widths > 0], said[order][widths > 0], strict=True)
         rejected = {
             "not_the_best_nearby": len(poses) - len(places),
             "quality_below_threshold": len(places) - len(order),
+            "nothing_between_the_fingers": int(np.count_nonzero(widths == 0)),
         }
         grasps = tuple(Grasp(pose, float(width), float(score)) for pose, width, score in told)
         return Selection(grasps, rejected, best_said)
@@ -126,7 +128,8 @@ class Judge:
         return said
 
     def widths(self, tsdf: Grid, workspace: Workspace, poses: Array) -> Array:
-        """How wide (k,), metres, what lies between the pads is: from the first place inside to the last."""
+        """How wide (k,), metres, what lies between the pads is: from before the first place inside to after
+        the last; 0 where nothing lies there."""
         half = self.gripper.max_opening / 2
         y = np.linspace(-half, half, OPENING_POINTS)
         lines = np.stack([np.stack([0 * y, y, 0 * y + z], axis=-1) for z in OPENING_DEPTHS])
@@ -134,7 +137,7 @@ class Judge:
         index = np.clip(workspace.index_of(places), 0, workspace.resolution - 1)
         inside = np.any(tsdf[index[..., 0], index[..., 1], index[..., 2]] < 0, axis=1)
         first, last = inside.argmax(axis=1), len(y) - 1 - inside[:, ::-1].argmax(axis=1)
-        found: Array = np.where(inside.any(axis=1), y[last] - y[first], 0.0)
+        found: Array = np.where(inside.any(axis=1), y[last] - y[first] + y[1] - y[0], 0.0)
         return found
 
 
