@@ -181,3 +181,54 @@ def test_text_is_utf_8_on_every_system(file: Path):
         wanted |= name == "open" and [getattr(mode, "value", None) for mode in call.args] in MODES
         if wanted and owner != "os" and is_text(call):
             assert any(word.arg == "encoding" for word in call.keywords), f"{file.name}:{call.lineno}"
+
+
+EXTRAS = {"pybullet_utils", "torch.utils.tensorboard", "wandb"}
+"""What functions may import: packages of an extra, each where it is needed."""
+GUARDED = {"__main__.py"}
+"""It imports the program where Ctrl-C in the first second is caught."""
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))
+def test_nothing_is_hidden_in_functions(file: Path):
+    """An import in a function hides a circle, or says that a module is in the wrong place."""
+    if file.name in GUARDED:
+        return
+    hidden = [
+        module
+        for function in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(function, ast.FunctionDef)
+        for module in _imported_in(function)
+    ]
+    assert [m for m in hidden if m not in EXTRAS and m.split(".")[0] not in EXTRAS] == []
+
+
+def test_there_are_no_circles():
+    """Types count: whoever needs another module's type needs the module."""
+    names = {_name(file): file for file in FILES}
+    needs = {name: {m for m in _named(file) if m in names and m != name} for name, file in names.items()}
+    while free := [name for name, needed in needs.items() if not needed & needs.keys()]:
+        for name in free:
+            del needs[name]
+    assert not needs, f"these need one another: {sorted(needs)}"
+
+
+def _named(file: Path) -> Iterator[str]:
+    """Modules that a file imports, also those that `from package import module` names."""
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def _name(file: Path) -> str:
+    parts = ("neugrasp", *file.relative_to(PACKAGE).with_suffix("").parts)
+    return ".".join(parts).removesuffix(".__init__")
+
+
+def _imported_in(function: ast.FunctionDef) -> Iterator[str]:
+    for node in ast.walk(function):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module

@@ -2,10 +2,30 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import Protocol
 
-if TYPE_CHECKING:
-    from neugrasp.detection.contract import Detection
+from neugrasp.grasp import Grasps
+
+
+class Told(Protocol):
+    """What is said of a `Detection`."""
+
+    @property
+    def grasps(self) -> Grasps: ...
+
+    @property
+    def rejected(self) -> Mapping[str, int]: ...
+
+    @property
+    def best_rejected(self) -> float | None: ...
+
+    @property
+    def threshold(self) -> float | None: ...
+
+    @property
+    def timing_s(self) -> Mapping[str, float]: ...
+
 
 WORDS = {
     "off_the_surface": "off the surface",
@@ -24,7 +44,7 @@ WORDS = {
 }
 
 
-def explain(detection: Detection) -> str:
+def explain(detection: Told) -> str:
     """ "0 of 64,000: 61,220 off the surface, 2,514 below 0.9 (best 0.83), 266 too wide for the gripper"."""
     total = len(detection.grasps) + sum(detection.rejected.values())
     text = f"{len(detection.grasps):,} of {total:,}"
@@ -33,12 +53,12 @@ def explain(detection: Detection) -> str:
     return text
 
 
-def reasons_of(detection: Detection) -> list[tuple[str, int]]:
+def reasons_of(detection: Told) -> list[tuple[str, int]]:
     """Every reason in words with the number of candidates it rejected, in the order of the rules."""
     return [(_words(reason, detection), count) for reason, count in detection.rejected.items() if count]
 
 
-def _words(reason: str, detection: Detection) -> str:
+def _words(reason: str, detection: Told) -> str:
     if reason == "quality_below_threshold":
         limit = "the threshold" if detection.threshold is None else f"{detection.threshold:g}"
         return f"below {limit} (best {detection.best_rejected:.2f})"

@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import html
-from typing import TYPE_CHECKING
 
-from neugrasp.detection.explanation import explain
-
-if TYPE_CHECKING:
-    from neugrasp.detection.contract import Detection
+from neugrasp.detection.explanation import Told, explain
 
 LISTED = 10
 """Grasps in the table."""
 
 
-def in_short(detection: Detection) -> str:
+def in_short(detection: Told) -> str:
     """One line."""
     grasps, seconds = detection.grasps, sum(detection.timing_s.values())
     best = f", the best with score {grasps[0].score:.2f}" if grasps else ""
     return f"Detection({len(grasps)} grasps{best}; {seconds:.1f} s)"
 
 
-def as_html(detection: Detection) -> str:
+def as_html(detection: Told) -> str:
     """A table of the best grasps, numbered from 1 as everywhere, and where the other candidates went."""
     head = "<tr><th>grasp</th><th>score</th><th>width [mm]</th><th>TCP [m]</th><th>approach</th></tr>"
     rows = [

@@ -41,6 +41,7 @@ from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.trials import execute
 from neugrasp.terminal import next_step
+from neugrasp.training.dataset import read_records
 from neugrasp.training.samples import plain_sample
 from neugrasp.training.validation import validate
 
@@ -170,7 +171,6 @@ def _try_missing(
 
 
 def _read_all(folders: tuple[Path, ...]) -> list[Record]:
-    from neugrasp.training.dataset import read_records
 
     records = [record for folder in folders for record in read_records(folder)]
     counts = Counter(record.name for record in records)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from skimage.measure import marching_cubes
 
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, apply
@@ -31,8 +32,6 @@ def surface_of(tsdf: ArrayLike, workspace: Workspace) -> Surface:
 
     Empty where the grid does not change its sign. The mesh is open at the faces of the cube.
     """
-    from skimage.measure import marching_cubes
-
     grid = np.asarray(tsdf, dtype=np.float32)
     if not np.all(np.isfinite(grid)):
         raise InputError("the grid of distances contains NaN or infinity; the weights are damaged")
