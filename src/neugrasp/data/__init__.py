@@ -1,1 +1,7 @@
-"""See docs/architecture.md."""
+"""What lies on disk: scenes of users, records of the simulation, shards, trials; every file read is checked
+here.
+
+`scene_folder` and `photo_files` stand at the border to users' files, `fields` and `strict_json` read JSON
+for every part, `whole_or_nothing` writes. Simulation and training meet here and nowhere else: neither
+imports the other.
+"""

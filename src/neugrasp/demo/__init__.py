@@ -1,1 +1,1 @@
-"""The four bundled scenes and the command that predicts them. See docs/architecture.md."""
+"""The four bundled scenes (`bundled`) and the command that predicts them."""

@@ -1,1 +1,5 @@
-"""See docs/architecture.md."""
+"""The decluttering benchmark: rounds, protocols, counts with intervals, comparisons.
+
+`declutter` is the loop and knows nothing of a simulation; `bench` builds a round around it. Measuring
+sticks, which are told the true surface, live here and can be handed to nobody else.
+"""
