@@ -15,9 +15,13 @@ CONSTANTS = (-1.0, 0.0, 1.0)
 
 
 def l1_by_mask(predicted: Grid | float, truth: Grid) -> dict[str, float]:
-    """Mean absolute error of a TSDF, in truncation units, under each mask -a < truth < 0.1; key str(a)."""
+    """Mean absolute error of a TSDF, in truncation units, under each mask -a < truth < 0.1; key str(a).
+
+    NaN where no voxel of the truth lies in a mask: an object so thin that none is near its surface inside.
+    """
     error = np.abs(predicted - truth)
-    return {str(a): float(error[(truth > -a) & (truth < 0.1)].mean()) for a in L1_MASKS}
+    masked = {str(a): error[(truth > -a) & (truth < 0.1)] for a in L1_MASKS}
+    return {name: float(values.mean()) if values.size else float("nan") for name, values in masked.items()}
 
 
 def occupancy_iou(predicted: Grid, truth: Grid, above: int) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from neugrasp.evaluation.episode import CRASHED, EMPTY, NOTHING_DETECTED, Episod
 from neugrasp.evaluation.protocols import PROTOCOLS
 from neugrasp.evaluation.rounds import num_rounds
 from neugrasp.evaluation.scores import scores
-from neugrasp.metrics import wilson_interval
+from neugrasp.metrics import l1_by_mask, wilson_interval
 from rounds_by_hand import attempt, played
 
 PAPER, VGN = PROTOCOLS["paper"], PROTOCOLS["vgn"]
@@ -109,6 +110,27 @@ def test_l1_is_the_mean_over_grasps():
     assert result["L1"] == pytest.approx(0.3)
     assert result["L1_by_mask"] == pytest.approx({"0.3": 0.3, "1.0": 0.6})
     assert result["L1_constants"]["-1"] == pytest.approx({"0.3": 0.9, "1.0": 0.5})
+
+
+def test_a_mask_in_which_nothing_lies_is_left_out_and_never_written_as_nan(tmp_path: Path):
+    """What is too thin for a voxel has no error under narrow masks; a round that says so is read again."""
+    truth = np.ones((8, 8, 8), np.float32)
+    truth[0, 0, 0] = -0.2
+    assert math.isnan(l1_by_mask(0.0, truth)["0.05"])
+    assert l1_by_mask(0.0, truth)["0.3"] == pytest.approx(0.2)
+    whole = attempt(0, 0, True, l1={"0.3": 0.2, "0.05": 0.1}, l1_constants={"+0": {"0.3": 0.5, "0.05": 0.3}})
+    thin = attempt(1, 0, True, l1={"0.3": 0.4}, l1_constants={"+0": {"0.3": 0.7}})
+    nothing = attempt(2, 0, True, l1={}, l1_constants={"+0": {}})
+    episodes = [replace(played(i, ""), attempts=(one,)) for i, one in enumerate((whole, thin, nothing))]
+    found = scores(episodes, PAPER)
+    assert found["L1_by_mask"] == {"0.3": 0.3, "0.05": 0.1}
+    assert found["L1_constants"] == {"+0": {"0.3": 0.6, "0.05": 0.3}}
+    for i, one in enumerate(episodes):
+        write_episode(tmp_path / f"{i}.json", one)
+        assert read_episode(tmp_path / f"{i}.json").attempts == one.attempts
+    nan = replace(whole, score=math.nan)
+    with pytest.raises(ValueError, match="Out of range float"):
+        write_episode(tmp_path / "nan.json", replace(episodes[0], attempts=(nan,)))
 
 
 def test_rounds_come_back_from_disk_as_they_were(tmp_path: Path):

@@ -88,7 +88,7 @@ class Episode:
 def write_episode(path: Path, episode: Episode) -> None:
     """Writes the file whole or not at all."""
     data = {"format": FORMAT, "version": VERSION, **asdict(episode)}
-    write_text(path, json.dumps(data) + "\n")
+    write_text(path, json.dumps(data, allow_nan=False) + "\n")
 
 
 def read_episode(path: Path) -> Episode:
@@ -150,4 +150,4 @@ def _lying(fields: Fields, field: str) -> dict[str, Any] | None:
 def attempt_line(attempt: Attempt) -> str:
     """The attempt as one line of attempts.jsonl: everything but what lay on the table."""
     data = {f.name: getattr(attempt, f.name) for f in dataclasses.fields(attempt) if f.name != "before"}
-    return json.dumps(data) + "\n"
+    return json.dumps(data, allow_nan=False) + "\n"

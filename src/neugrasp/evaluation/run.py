@@ -174,5 +174,7 @@ def _write(config: Evaluate, facts: dict[str, Any], episodes: list[Episode]) -> 
     }
     with whole_or_nothing(config.out, ("metrics.json", "attempts.jsonl")) as part:
         (part / "attempts.jsonl").write_text("".join(lines), encoding="utf-8")
-        (part / "metrics.json").write_text(json.dumps(metrics, indent=1) + "\n", encoding="utf-8")
+        (part / "metrics.json").write_text(
+            json.dumps(metrics, indent=1, allow_nan=False) + "\n", encoding="utf-8"
+        )
     return metrics

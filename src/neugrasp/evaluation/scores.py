@@ -111,13 +111,17 @@ def _by_material(played: Sequence[Episode]) -> dict[str, dict[str, Any]]:
 
 def _l1(attempts: Sequence[Attempt]) -> dict[str, Any]:
     """One value per executed grasp, then the plain mean; the constant predictors beside it."""
-    judged = [attempt for attempt in attempts if attempt.l1]
+    judged = [attempt for attempt in attempts if HEADLINE_MASK in attempt.l1]
     if not judged:
         return {"L1": None, "L1_by_mask": None, "L1_constants": None}
-    by_mask = {mask: _mean([a.l1[mask] for a in judged]) for mask in judged[0].l1}
+    masks = dict.fromkeys(mask for attempt in judged for mask in attempt.l1)
+    by_mask = {mask: _mean([a.l1[mask] for a in judged if mask in a.l1]) for mask in masks}
     constants = {
-        value: {mask: _mean([a.l1_constants[value][mask] for a in judged]) for mask in masks}
-        for value, masks in judged[0].l1_constants.items()
+        value: {
+            mask: _mean([a.l1_constants[value][mask] for a in judged if mask in a.l1_constants[value]])
+            for mask in masks
+        }
+        for value in judged[0].l1_constants
     }
     return {"L1": by_mask[HEADLINE_MASK], "L1_by_mask": by_mask, "L1_constants": constants}
 

@@ -165,7 +165,7 @@ def _scene(attempt: Attempt, images: list[Image]) -> Iterator[str]:
         facts.append("a contact stopped the hand on its way")
     if attempt.lost:
         facts.append(f"{attempt.lost} objects left the workspace ungrasped")
-    if attempt.l1:
+    if "0.3" in attempt.l1:
         facts.append(f"L1 of the surface {attempt.l1['0.3']:.3f}")
     yield f"<p>{html.escape('; '.join(facts))}.</p>"
     yield from _row(images)

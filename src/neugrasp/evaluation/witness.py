@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -27,9 +28,14 @@ class SimulatedWitness:
         if not self.judges or detection.tsdf is None:
             return Judgement({}, {})
         true = 2 * vgn_grid(self.truth.look().tsdf) - 1
-        constants = {f"{value:+.0f}": l1_by_mask(value, true) for value in CONSTANTS}
-        return Judgement(l1_by_mask(detection.tsdf, true), constants)
+        constants = {f"{value:+.0f}": _defined(l1_by_mask(value, true)) for value in CONSTANTS}
+        return Judgement(_defined(l1_by_mask(detection.tsdf, true)), constants)
 
     def describe(self) -> dict[str, Any]:
         """The scene as it lies now."""
         return asdict(self.robot.scene())
+
+
+def _defined(errors: dict[str, float]) -> dict[str, float]:
+    """Without the masks in which nothing lies: JSON has no NaN."""
+    return {mask: error for mask, error in errors.items() if not math.isnan(error)}
