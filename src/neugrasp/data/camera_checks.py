@@ -78,6 +78,8 @@ def check_intrinsics(value: Any, width: int, height: int, where: str) -> Array:
         reason = f"focal lengths {fx:g} and {fy:g} are too short (normalised, or in millimetres?)"
     elif not 0.5 < fx / fy < 2:
         reason = f"focal lengths {fx:g} and {fy:g} differ too much"
+    elif abs(cx) <= 1 and abs(cy) <= 1:
+        reason = f"principal point ({cx:g}, {cy:g}) is the photo's corner (normalised?)"
     elif not (-width <= cx <= 2 * width and -height <= cy <= 2 * height):
         reason = f"principal point ({cx:g}, {cy:g}) is far outside the photo (another resolution?)"
     if reason:

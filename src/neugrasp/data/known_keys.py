@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import logging
 import re
+import unicodedata
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,7 +38,7 @@ PINHOLE_MODELS = {
 
 NO_PINHOLE = (
     "fish|equi|spher|omni|panoram|kannala|theta|latlong|division|eucm|doublesphere|mei|unified|ortho|"
-    "cylind|prism|vr180|fov"
+    "cylind|prism|vr180|fov|ucm|ocam|scaramuzza|^(ds|kb\\d*|atan\\w*|poly|polynomial\\d*|wideangle)$"
 )
 """What names of other lenses hold."""
 
@@ -75,11 +76,23 @@ class Bend:
 
 SHAPES = {"rows", "cols", "columns", "dt", "size", "shape", "dtype", "format"}
 """Keys of an array that is written as an object."""
+OF_A_CAMERA = re.compile(
+    r"(?!depth|ir|infra)(\w*(calib|camera|lens|intrins|colou?r|rgb|optic|sensor)\w*|cams?\d*|meta(data)?|info|"
+    r"settings|config|dataparser|normali[sz]ation)"
+)
+"""Objects within a file that describe the camera of its photos, or how its poses were made."""
+REMARKS = frozenset(
+    {"name", "comment", "comments", "note", "notes", "remark", "description", "author", "date", "title"}
+    | {"format", "version", "source", "created", "timestamp", "time", "stamp", "header", "frameid", "frame"}
+    | {"parent", "child", "childframeid", "id", "label"}
+)
+"""Keys in plain letters that say nothing of any number."""
 
 BENDS = (
     Bend(
         r"(lens|camera|radial|tangential|thinprism|thin|rgb|color|colour)*(distort(?!ionmodel|iontype)\w*|dist|"
-        r"distcoeffs?|distcoefs?|distparams?|distcoefficients?)|d|kc|coeffs?|coefficients|k\d+|p\d+|s[1-4]|"
+        r"distcoeffs?|distcoefs?|distparams?|distcoefficients?)|d|kc|coeffs?|coefficients|s[1-4]|"
+        r"(lens|radial|tangential|dist)?[kp]\d+|kappa\d*|"
         r"tau[xy]|xi|radial|tangential|radialparams|radialcoeffs|tangentialcoeffs|omega|thinprism\w*",
         "is a coefficient of lens distortion",
         "undistort the photos and leave it away",
@@ -106,7 +119,9 @@ BENDS = (
         frozenset({"none", "global", "globalshutter", "mechanical"}),
     ),
     Bend(
-        r"applied\w+|scale|scalefactor|worldscale|scenescale|dataparser\w+|posescale|scaling",
+        r"applied\w+|(world|scene|poses?|camera|unit|metric|avg|global)?(scale|scaling)(factor|mat\d*|tometric)?|"
+        r"dataparser\w+|(pose|scene|world|global)transform|worldmat\d*|(m|mm|cm|met(er|re)s?)per(world)?unit|"
+        r"unit(s?per|in)(m|mm|cm|met(er|re)s?)",
         "is a scale or a motion of the poses",
         "give poses in metres in your world and leave it away",
         frozenset({1}),
@@ -120,14 +135,16 @@ BENDS = (
     ),
     Bend(
         r"(camera|pose|coordinate|axis|axes)*(convention|coordinatesystem|coordinateframe|axes)|fromna|"
-        r"handedness|quaternion(order|format)|cameraframe|(pose|transform)type",
+        r"handedness|quaternion(order|format)|cameraframe|(pose|transform)type|(is)?(w2c|worldtocam(era)?)",
         "is another convention of poses",
         "convert the poses as docs/conventions.md says and leave it away",
         frozenset({"opencv", "righthanded", "right", "xyzw"}),
     ),
     Bend(
-        r"crop\w*|roi|regionofinterest|binning\w*|downscale\w*|downsample\w*|resize\w*|skew|"
-        r"rectificationmatrix|rectification|r|[xy]offset|offset[xy]|mirrored|flip\w*|rotate\w*",
+        r"(sensor)?crop\w*|roi|regionofinterest|binning\w*|downscale\w*|downsample\w*|resize\w*|skew|"
+        r"rectificationmatrix|rectification|r|[xy]offset|offset[xy]|mirror(ed)?|flip\w*|rotate\w*|zoom\w*|"
+        r"(image|photo|pixel|intrinsics?)scale(factor)?|(exif|image|photo)?(orientation|rotation)|"
+        r"calibrat(ion|ed)(width|height|size|resolution)",
         "is a change of the photo after the calibration",
         "give the intrinsics of the photo as it is on disk and leave it away",
         frozenset({1, "none"}),
@@ -138,13 +155,14 @@ BENDS = (
 
 def plain(word: str) -> str:
     """A key or a name in lower-case letters and digits alone."""
-    return re.sub(r"[^a-z0-9]", "", word.lower())
+    return re.sub(r"[^a-z0-9]", "", unicodedata.normalize("NFKC", word).lower())
 
 
 def refuse_bends(
     entry: Mapping[str, Any], known: Collection[str], where: str, remedy: str | None = None
 ) -> None:
-    """Raises `InputError` for a key outside `known` that would bend the geometry, with what to do."""
+    """Raises `InputError` for a key outside `known` that would bend the geometry, with what to do; also for
+    one within an object that is not known itself, but describes a camera by its name."""
     for key, value in entry.items():
         if key in known:
             continue
@@ -152,6 +170,31 @@ def refuse_bends(
             if bend.is_meant(key, value):
                 what = f"{key!r} {bend.what}, which is not read here"
                 raise InputError(f"{where}: {what}; {remedy or bend.remedy}")
+        if OF_A_CAMERA.fullmatch(plain(key)):
+            for part in value if isinstance(value, list) else [value]:
+                if isinstance(part, Mapping):
+                    refuse_bends(part, (), f"{where}: {key}", remedy)
+
+
+def refuse_unknown(entry: Mapping[str, Any], known: Collection[str], where: str) -> None:
+    """Raises `InputError` for a key outside `known` that is no remark, with the known one that is most like
+    it: for objects in which every key is a measure, so that one left out is another measure."""
+    for key in entry:
+        if key not in known and not is_remark(key):
+            hint = _meant(key, known)
+            raise InputError(f"{where}: the key {key!r} is not known{hint or '; leave it away'}")
+
+
+def is_remark(key: str) -> bool:
+    """Whether a key is for people alone."""
+    return key.startswith(("_", "$", "//")) or plain(key) in REMARKS
+
+
+def _meant(key: str, known: Collection[str]) -> str:
+    """The known key that is most like another, as a question."""
+    like = difflib.get_close_matches(plain(key), [plain(word) for word in known], n=1)
+    meant = next((word for word in sorted(known) if like and plain(word) == like[0]), None)
+    return f"; did you mean {meant!r}?" if meant else ""
 
 
 def warn_of_unknown(
@@ -164,10 +207,7 @@ def warn_of_unknown(
             continue
         if any(bend.is_meant(key, value) for bend in BENDS):
             continue
-        like = difflib.get_close_matches(plain(key), [plain(word) for word in known], n=1)
-        meant = next((word for word in sorted(known) if like and plain(word) == like[0]), None)
-        hint = f"; did you mean {meant!r}?" if meant else ""
-        logger.warning("%s: the key %r is not known and ignored%s", file, key, hint)
+        logger.warning("%s: the key %r is not known and ignored%s", file, key, _meant(key, known))
 
 
 def _changes_nothing(value: Any) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from neugrasp.data.camera_checks import numbers
-from neugrasp.data.known_keys import refuse_bends, warn_of_unknown
+from neugrasp.data.known_keys import refuse_bends, refuse_unknown
 from neugrasp.data.strict_json import read_object
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, rigid
@@ -24,8 +23,6 @@ LARGEST_TURN = 2.0
 """Degrees between them."""
 SHORTEST_BASELINE = 0.03
 """Metres: root mean square distance of the cameras from their middle, below which no scale can be told."""
-
-logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -51,7 +48,7 @@ def read_alignment(file: Path) -> tuple[Alignment, Workspace]:
     """
     data = read_object(file, "an alignment")
     refuse_bends(data, KEYS, str(file), "say it as metres_per_unit and world_from_reconstruction")
-    warn_of_unknown([data], KEYS, file, logger)
+    refuse_unknown(data, KEYS, str(file))
     metres = float(numbers(data.get("metres_per_unit", 1.0), (), f"{file}: metres_per_unit"))
     if metres <= 0:
         raise InputError(f"{file}: metres_per_unit is {metres:g}; it must be positive")

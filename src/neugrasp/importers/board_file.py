@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import logging
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from neugrasp.data.camera_checks import numbers
-from neugrasp.data.known_keys import refuse_bends, warn_of_unknown
+from neugrasp.data.known_keys import refuse_bends, refuse_unknown
 from neugrasp.data.strict_json import read_object
 from neugrasp.errors import InputError
 from neugrasp.importers.board import Board, Charuco, Tag, Tags, Upright
@@ -22,8 +21,6 @@ TAG_KEYS = ("id", "size", "centre", "center", "turn_deg")
 ANGLES = ("turn", "turn_rad", "turn_degrees", "angle", "rotation", "yaw", "theta", "orientation")
 """Keys of a tag that say a turn in another way."""
 MOST_SQUARES = 100
-
-logger = logging.getLogger(__name__)
 
 
 def read_board(name: str) -> Board:
@@ -43,7 +40,7 @@ def read_board(name: str) -> Board:
         raise InputError(f"{file}: kind is {kind!r}; it must be 'charuco' or 'tags'")
     keys = CHARUCO_KEYS if kind == "charuco" else TAGS_KEYS
     refuse_bends(data, keys, str(file))
-    warn_of_unknown([data], keys, file, logger)
+    refuse_unknown(data, keys, str(file))
     place = data.get("board_from_workspace")
     pose = None if place is None else pose_of(place, f"{file}: board_from_workspace")
     return Board(_charuco(data, file) if kind == "charuco" else _tags(data, file), pose)
@@ -85,7 +82,6 @@ def _tags(data: dict[str, Any], file: Path) -> Tags:
     upright: Upright | None = data.get("upright")
     if upright not in ("official", "opencv", None):
         raise InputError(f"{file}: upright is {upright!r}; it must be 'official' or 'opencv'")
-    warn_of_unknown(filter(_is_object, entries), (*TAG_KEYS, *ANGLES), f"{file}, tags", logger)
     tags = tuple(_tag(entry, f"{file}, tag {i}") for i, entry in enumerate(entries))
     named = [tag.number for tag in tags]
     if twice := [number for number in named if named.count(number) > 1]:
@@ -107,6 +103,7 @@ def _tag(entry: Any, where: str) -> Tag:
     for key in ANGLES:
         if key in entry and entry[key] != 0:
             raise InputError(f"{where}: {key!r} is not read; give the turn against the clock as 'turn_deg'")
+    refuse_unknown(entry, (*TAG_KEYS, *ANGLES), where)
     if "centre" in entry and "center" in entry:
         raise InputError(f"{where}: 'centre' and 'center' say the same; keep one")
     size = float(numbers(entry.get("size"), (), f"{where}: size"))

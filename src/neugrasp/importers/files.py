@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from neugrasp.data.camera_checks import check_rigid, numbers
-from neugrasp.data.known_keys import refuse_bends
+from neugrasp.data.known_keys import refuse_bends, refuse_unknown
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, from_quaternion, from_rotation_vector
 
@@ -23,6 +23,7 @@ def pose_of(value: Any, where: str) -> Array:
     if not isinstance(value, dict):
         return check_rigid(value, where)
     refuse_bends(value, KEYS, where)
+    refuse_unknown(value, KEYS, where)
     if "rotation_vector" in value:
         return _from_vector(value, where)
     quaternion = numbers(value.get("quaternion_xyzw"), (4,), f"{where}: quaternion_xyzw")

@@ -19,6 +19,8 @@ Size = tuple[float, float]
 COEFFICIENTS = ("k1", "k2", "k3", "p1", "p2")
 AGREEMENT = 0.01
 """Of the focal length, by which two ways to say it may differ; rounding makes a tenth of that."""
+NARROWEST = np.radians(4)
+"""Field of view in degrees; fewer would be radians, or no camera that sees a table."""
 REMEDY = (
     "only pinholes with k1, k2, k3, p1 and p2 are undistorted here; undistort photos and backgrounds alike "
     "first, or calibrate again without it"
@@ -127,7 +129,7 @@ def _focal_length(entry: LensEntry, meaning: str, size: float, radians: float) -
             raise InputError(f"{entry.where}: {entry.said[meaning][0]!r} is {value:g}; it must be positive")
         return value
     angle = value * radians
-    if not 0.01 < angle < 3.1:
+    if not (0.01 if radians == 1 else NARROWEST) < angle < 3.1:
         unit = "degrees" if radians < 1 else "radians, between 0 and pi"
         raise InputError(f"{entry.where}: {entry.said[meaning][0]!r} is {value:g}; it must be in {unit}")
     return float(size / 2 / np.tan(angle / 2))
@@ -143,6 +145,14 @@ def _no_focal(where: str) -> tuple[float, float]:
 def _centre(entry: LensEntry, axis: int) -> float | None:
     matrix, key = _matrix(entry), ("cx", "cy")[axis]
     value = entry.number(key) if key in entry else None
+    if "centre" in entry:
+        name, listed = entry.said["centre"]
+        point = float(numbers(_listed(listed), (2,), f"{entry.where}: {name}")[axis])
+        if value is not None and abs(point - value) > 1:
+            raise InputError(
+                f"{entry.where}: {name!r} and {entry.said[key][0]!r} say different points; keep one"
+            )
+        value, key = point, "centre"
     if matrix is None:
         return value
     if value is not None and abs(matrix[axis, 2] - value) > 1:

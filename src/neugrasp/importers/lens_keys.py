@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from neugrasp.data.camera_checks import numbers
-from neugrasp.data.known_keys import PINHOLE_MODELS, plain, refuse_bends
+from neugrasp.data.known_keys import PINHOLE_MODELS, is_remark, plain, refuse_bends
 from neugrasp.errors import InputError
 
 Entry = Mapping[str, Any]
@@ -33,8 +33,9 @@ NAMES: dict[str, tuple[str, ...]] = {
     "angle_y": ("camera_angle_y",),
     "fov_x": ("x_fov", "fov_x"),
     "fov_y": ("y_fov", "fov_y"),
-    "cx": ("cx", "c_x", "ppx", "principal_point_x"),
-    "cy": ("cy", "c_y", "ppy", "principal_point_y"),
+    "cx": ("cx", "c_x", "ppx", "principal_point_x", "principal_x", "center_x", "centre_x", "u0"),
+    "cy": ("cy", "c_y", "ppy", "principal_point_y", "principal_y", "center_y", "centre_y", "v0"),
+    "centre": ("principal_point", "principal", "pp", "optical_center", "optical_centre"),
     "bends": (
         *("distortion", "distortion_coefficients", "distortion_coeffs", "distortion_coefs", "dist_coeffs"),
         *("dist_coefs", "dist", "D", "dist_coefficients", "coeffs", "kc", "distortion_parameters"),
@@ -56,6 +57,20 @@ MEANINGS = {plain(name): meaning for meaning, names in NAMES.items() for name in
 LENS_KEYS = tuple(name for names in NAMES.values() for name in names)
 HIGHER = re.compile(r"k\d+|p\d+|s[1-4]|tau[xy]")
 """Coefficients; those without a meaning of their own must be zero."""
+POINT = re.compile(r"[xy]0|[po][xy]|c[uv]|c|cent(er|re)")
+"""Plain keys that others give to a principal point, or to something else."""
+SAYINGS = (
+    "fps",
+    "framerate",
+    "serial",
+    "serialnumber",
+    "reprojectionerror",
+    "rms",
+    "error",
+    "isvalid",
+    "valid",
+)
+"""Plain keys of a lens's object that bend nothing."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +113,24 @@ def check_lens_keys(entry: Entry, known: Iterable[str], where: str) -> None:
     """Raises `InputError` for a key beyond `known` that bends geometry and is not understood as a lens."""
     flat = dict(_flat(entry))
     refuse_bends(flat, {*known, *filter(is_lens_key, flat)}, where)
+    for key, value in flat.items():
+        if POINT.fullmatch(plain(key)) and not is_lens_key(key) and _is_point(value):
+            raise InputError(
+                f"{where}: {key!r} may be a principal point; write 'cx' and 'cy', or leave it away"
+            )
+        if key in entry or is_lens_key(key) or is_remark(key) or plain(key) in SAYINGS:
+            continue
+        if not isinstance(value, str | None) and value != 0:
+            raise InputError(
+                f"{where}: {key!r} within a lens is not understood; give it as docs/data_format.md names it, "
+                "or leave it away"
+            )
+
+
+def _is_point(value: Any) -> bool:
+    """Whether a value is a number, or two."""
+    parts = value if isinstance(value, list) and len(value) == 2 else [value]
+    return all(isinstance(part, int | float) for part in parts)
 
 
 def is_lens_key(key: str) -> bool:

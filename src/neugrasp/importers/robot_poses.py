@@ -19,12 +19,13 @@ from __future__ import annotations
 import csv
 import io
 import logging
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from neugrasp.data.known_keys import refuse_bends, warn_of_unknown
+from neugrasp.data.known_keys import plain, refuse_bends, warn_of_unknown
 from neugrasp.data.strict_json import read_object
 from neugrasp.data.user_files import check_name, read_text
 from neugrasp.errors import InputError
@@ -37,6 +38,8 @@ from neugrasp.importers.shots import Listed, Shot
 COLUMNS = ("image", "x", "y", "z", "qx", "qy", "qz", "qw")
 VECTOR_COLUMNS = ("image", "x", "y", "z", "rx", "ry", "rz")
 """As Universal Robots write poses: a rotation vector."""
+SECOND_POSE = re.compile(r"[qr][wxyz]|roll\w*|pitch\w*|yaw\w*|(tcp|tool|flange)?offset\w*|t[xyz]")
+"""Columns, in plain letters, that turn or move a pose besides those that are read."""
 FILE_KEYS = ("flange_from_camera", "views", *LENS_KEYS)
 VIEW_KEYS = ("image", "base_from_flange", "background_base_from_flange", *LENS_KEYS)
 CAMERA_KEYS = (*LENS_KEYS, "camera_name", "projection_matrix", "P", "header", "R", "rectification_matrix")
@@ -158,6 +161,11 @@ def _rows(file: Path) -> list[tuple[dict[str, Any], str]]:
         )
     if twice := [name for name in names if names.count(name) > 1]:
         raise InputError(f"{file}: the column {twice[0]!r} is there twice; which one is meant?")
+    if turns := [name for name in names if name not in columns and SECOND_POSE.fullmatch(plain(name))]:
+        raise InputError(
+            f"{file}: the column {turns[0]!r} says what {', '.join(columns[4:])} say, or moves the pose; "
+            "keep one way to say it"
+        )
     refuse_bends(dict.fromkeys(names, 0.5), columns, str(file))
     warn_of_unknown([dict.fromkeys(names)], columns, file, logger)
     return [(_view(line, i, file, columns), f"{file}, line {i}") for i, line in enumerate(lines, start=2)]

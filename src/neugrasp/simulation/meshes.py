@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import stat
 from dataclasses import dataclass
 from itertools import pairwise
@@ -19,6 +20,7 @@ LARGEST = 100_000_000
 """Bytes that a mesh may have."""
 FARTHEST = 1e9
 """Of a coordinate, whatever its unit."""
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 STL_HEADER = 84
 STL_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
@@ -105,7 +107,7 @@ def read_obj(path: Path) -> tuple[Mesh, ...]:
     vertices: list[list[float]] = []
     parts: list[list[tuple[int, int, int]]] = [[]]
     try:
-        for line in _bytes_of(path).decode(errors="replace").splitlines():
+        for line in _lines(_bytes_of(path)):
             words = line.split()
             if not words:
                 continue
@@ -127,27 +129,29 @@ def read_obj(path: Path) -> tuple[Mesh, ...]:
 
 
 def read_stl(path: Path) -> tuple[Mesh, ...]:
-    """The one part of an STL file, binary or text, equal corners being one vertex.
+    """The parts of an STL file, equal corners being one vertex: the solids of a text, or the one of a binary.
 
     Raises `InputError` naming the file where it is missing, damaged or empty.
     """
     data = _bytes_of(path)
     try:
         if is_binary_stl(data):
-            corners = np.frombuffer(data, STL_FACET, offset=STL_HEADER)["corners"].reshape(-1, 3)
-        elif data.lstrip()[:5].lower() == b"solid":
-            lines = [line.split() for line in data.decode(errors="replace").splitlines()]
-            rows = [[float(x), float(y), float(z)] for [word, x, y, z, *_] in _vertices(lines)]
-            corners = np.array(rows).reshape(-1, 3)
+            solids = [np.frombuffer(data, STL_FACET, offset=STL_HEADER)["corners"].reshape(-1, 3)]
+        elif data.removeprefix(BYTE_ORDER_MARK).lstrip()[:5].lower() == b"solid":
+            solids = _solids([line.lower().split() for line in _lines(data)])
         else:
             raise ValueError(f"{len(data)} bytes do not hold the {_facets(data)} facets that it names")
-        if not np.all(np.isfinite(corners)):
+        if not all(np.all(np.isfinite(corners)) for corners in solids):
             raise ValueError("a vertex is not a finite number")
-        points, index = np.unique(corners.astype(np.float64), axis=0, return_inverse=True)
-        faces = index.reshape(-1, 3).astype(np.int64)
+        meshes = []
+        for corners in filter(len, solids):
+            points, index = np.unique(corners.astype(np.float64), axis=0, return_inverse=True)
+            meshes.append(_compacted(points, index.reshape(-1, 3).astype(np.int64), path))
     except ValueError as error:
+        if isinstance(error, InputError):
+            raise
         raise InputError(f"{path}: not a mesh in STL format ({error})") from error
-    return _not_empty((_compacted(points, faces, path),) if len(faces) else (), path)
+    return _not_empty(tuple(meshes), path)
 
 
 def is_binary_stl(data: bytes) -> bool:
@@ -155,16 +159,45 @@ def is_binary_stl(data: bytes) -> bool:
     return len(data) == STL_HEADER + STL_FACET.itemsize * _facets(data)
 
 
+def is_for_engine(path: Path) -> bool:
+    """Whether the physics engine reads a mesh as it is read here. It reads no STL text, and of OBJ, silently,
+    another mesh where there is a mark of byte order, a line that goes on behind a backslash, or one that ends
+    in a carriage return alone."""
+    data = _bytes_of(path)
+    if path.suffix.lower() == ".stl":
+        return is_binary_stl(data)
+    return not (data.startswith(BYTE_ORDER_MARK) or re.search(rb"\r(?!\n)|\\\r?\n", data))
+
+
 def _facets(data: bytes) -> int:
     return int.from_bytes(data[80:84], "little")
 
 
-def _vertices(lines: list[list[str]]) -> list[list[str]]:
-    """The lines of an STL text that hold a corner."""
-    found = [words for words in lines if words and words[0] == "vertex"]
-    if any(len(words) != 4 for words in found):
-        raise ValueError("a vertex without three numbers")
-    return found
+def _solids(lines: list[list[str]]) -> list[Array]:
+    """The corners (3 f, 3) of every solid of an STL text, in lower case. Raises `ValueError`."""
+    solids: list[list[list[float]]] = []
+    is_open = False
+    for words in filter(None, lines):
+        if words[0] == "solid":
+            solids.append([])
+            is_open = True
+        elif words[0] == "endsolid":
+            is_open = False
+        elif words[0] == "vertex":
+            if len(words) != 4:
+                raise ValueError("a vertex without three numbers")
+            solids[-1].append([float(word) for word in words[1:]])
+        elif words[0] == "endfacet" and len(solids[-1]) % 3:
+            raise ValueError("a facet without three corners")
+    if is_open:
+        raise ValueError("it ends without 'endsolid'; was it cut off?")
+    return [np.array(corners).reshape(-1, 3) for corners in solids]
+
+
+def _lines(data: bytes) -> list[str]:
+    """The lines of a mesh in text, those that go on behind a backslash joined; nothing else breaks them."""
+    text = data.removeprefix(BYTE_ORDER_MARK).decode(errors="replace")
+    return text.replace("\r\n", "\n").replace("\r", "\n").replace("\\\n", " ").split("\n")
 
 
 def _bytes_of(path: Path) -> bytes:

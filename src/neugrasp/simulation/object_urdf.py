@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import re
 import stat
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,10 +19,11 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from neugrasp.data.known_keys import plain
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, rigid
 from neugrasp.simulation.mesh_checks import beside, check_pair, check_solid
-from neugrasp.simulation.meshes import Mesh, is_binary_stl, read_mesh, write_obj
+from neugrasp.simulation.meshes import Mesh, is_for_engine, read_mesh, write_obj
 from neugrasp.simulation.object_model import EngineShape, ObjectModel, cache_folder, triple
 
 log = logging.getLogger(__name__)
@@ -29,6 +31,11 @@ log = logging.getLogger(__name__)
 MASSES = (1e-4, 50.0)
 """Kilograms that an object may have."""
 FRICTIONS = (0.0, 10.0)
+WHOLE_TURN = 2 * np.pi + 1e-3
+"""Radians."""
+MOTION = re.compile(r"origin|pose|scale|transform|quat\w*|r?py|xyz|rotation|translation|position|unit\w*")
+"""What moves, turns or scales, in plain letters: elements and attributes."""
+ATTRIBUTES = {"origin": ("xyz", "rpy"), "mesh": ("filename", "scale")}
 FARTHEST = 1000.0
 """Of a coordinate in a URDF: metres, or units of a mesh that is scaled."""
 URDF_LIMIT = 1_000_000
@@ -55,7 +62,7 @@ class _Shape:
     def is_plain(self) -> bool:
         """Whether the file says it all."""
         stays = np.all(self.scale == 1) and not np.any(self.xyz) and not np.any(self.rpy)
-        return bool(stays) and self.file.suffix.lower() == ".obj"
+        return bool(stays) and self.file.suffix.lower() == ".obj" and is_for_engine(self.file)
 
     def parts(self) -> tuple[Mesh, ...]:
         """The mesh in the frame of the link, metres."""
@@ -78,6 +85,9 @@ class _Shape:
 def read_urdf(path: Path, name: str, root: Path) -> ObjectModel:
     """The single body of a URDF whose meshes lie in `root`. Raises `InputError` naming the bad file."""
     link = _link(path)
+    if len(link.findall("inertial")) > 1:
+        raise InputError(f"{path}: has two <inertial>; which one is meant?")
+    _check_children(path, link.find("inertial"), ("origin", "mass"))
     mass = _value(path, link, "inertial/mass", *MASSES, "kg")
     friction = 1.0
     if link.find("contact/lateral_friction") is not None:
@@ -114,9 +124,9 @@ def _check_centre(path: Path, link: Element, parts: tuple[Mesh, ...], middle: Ar
 
 
 def _for_engine(shape: _Shape) -> EngineShape:
-    """The file as it is, but for STL that is text, which the engine does not read: of that it gets OBJ."""
+    """The file as it is, but for one that the engine would read otherwise: of that it gets another OBJ."""
     file = shape.file
-    if file.suffix.lower() == ".stl" and not is_binary_stl(file.read_bytes()):
+    if not is_for_engine(file):
         unmoved = _Shape(file, np.ones(3), np.zeros(3), np.zeros(3))
         file = unmoved.written(unmoved.parts())
     return EngineShape(file, triple(shape.scale), triple(shape.xyz), triple(shape.rpy))
@@ -176,8 +186,34 @@ def _shapes(path: Path, root: Path, link: Element, role: str) -> Iterator[_Shape
         if mesh is None:
             kinds = [shape.tag for shape in element.findall("geometry/*")]
             raise InputError(f"{path}: a <{role}> is {' and '.join(kinds) or 'empty'}; it must be a <mesh>")
+        _check_children(path, element, ("origin", "geometry"))
+        _check_children(path, element.find("geometry"), ("mesh",))
+        _check_children(path, mesh, ())
         xyz, rpy = _origin(path, element)
         yield _Shape(_mesh_file(path, root, mesh), _scale(path, mesh), xyz, rpy)
+
+
+def _check_children(path: Path, element: Element | None, known: tuple[str, ...]) -> None:
+    """Raises `InputError` where what `element` holds would be twice there, or moves or scales it in a way
+    that is not of URDF (SDF's <pose>, another spelling), which the engine leaves out."""
+    if element is None:
+        return
+    tags = [child.tag for child in element]
+    for tag in tags:
+        if tag not in known and MOTION.fullmatch(plain(tag)):
+            raise InputError(
+                f"{path}: <{tag}> in a <{element.tag}> is not of URDF; write <origin xyz rpy>, "
+                "and scale=... into the <mesh>"
+            )
+        if tag in known and tags.count(tag) > 1:
+            raise InputError(f"{path}: a <{element.tag}> has two <{tag}>; which one is meant?")
+    right = ATTRIBUTES.get(element.tag, ())
+    for name in element.attrib:
+        if name not in right and MOTION.fullmatch(plain(name)):
+            raise InputError(
+                f"{path}: {name}=... of a <{element.tag}> is not of URDF; it knows "
+                f"{', '.join(right) or 'none'}"
+            )
 
 
 def _origin(path: Path, element: Element | None) -> tuple[Array, Array]:
@@ -185,7 +221,12 @@ def _origin(path: Path, element: Element | None) -> tuple[Array, Array]:
     origin = None if element is None else element.find("origin")
     if origin is None:
         return np.zeros(3), np.zeros(3)
+    _check_children(path, origin, ())
     xyz, rpy = (_numbers(path, f"<origin {key}>", origin.get(key, "0 0 0"), (3,)) for key in ("xyz", "rpy"))
+    if np.abs(rpy).max() > WHOLE_TURN:
+        raise InputError(
+            f"{path}: <origin rpy> is {origin.get('rpy')!r}, more than a whole turn; it must be in radians"
+        )
     return xyz, rpy
 
 
