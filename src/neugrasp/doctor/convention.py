@@ -28,6 +28,8 @@ NEAREST, FARTHEST = 0.1, 3.0
 """Metres between a camera and the middle of the table."""
 SEEN = 0.25
 """Share of the cube that a view must see to make sense."""
+POSSIBLE = 0.01
+"""Share of the cube in all views with which they are looked at as they are, where nothing explains them."""
 CONFIRMED = 0.5
 """Agreement about the table from which on an unlikely interpretation is believed."""
 CLEAR = 0.15
@@ -43,7 +45,7 @@ def check_convention(capture: Capture) -> tuple[Capture, list[Finding]]:
     fine = [green("convention", "OpenCV, world_from_camera"), green("units", _distances(views))]
     if all(good):
         return capture, fine
-    is_possible = all(plausible(views, share=0.01))
+    is_possible = all(plausible(views, POSSIBLE))
     everything, bad_ones = [True] * len(good), [not is_good for is_good in good]
     for only in [everything] * (sum(good) <= len(good) / 2) + [bad_ones] * any(good):
         is_doubtful = is_possible or only != everything
@@ -99,6 +101,11 @@ def understood(views: Views, interpretation: Interpretation, only: Sequence[bool
         for view, is_meant in zip(views.frames, only, strict=True)
     ]
     return Views(tuple(changed), interpretation.workspace(views.workspace))
+
+
+def is_examinable(views: Views) -> bool:
+    """Whether the photos can be asked: some view sees enough of the cube, or all see a little of it."""
+    return any(plausible(views)) or all(plausible(views, POSSIBLE))
 
 
 def plausible(views: Views, share: float = SEEN) -> list[bool]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from neugrasp.doctor.camera_findings import check_coverage, check_intrinsics
 from neugrasp.doctor.capture import Capture, Reading, read_capture, tags_of
-from neugrasp.doctor.convention import check_convention, plausible
+from neugrasp.doctor.convention import check_convention, is_examinable
 from neugrasp.doctor.empty_table import check_empty_table
 from neugrasp.doctor.findings import Finding, Level, verdict, worst
 from neugrasp.doctor.light_checks import check_brightness, check_light, check_sharpness
@@ -82,7 +82,7 @@ def _examine(reading: Reading, look: Look | None = None) -> Diagnosis:
         return Diagnosis(tuple(findings), None, reading.data, False)
     capture, found = check_convention(reading.capture)
     findings += found
-    if any(plausible(capture.views)):
+    if is_examinable(capture.views):
         capture, found = (look or _look)(capture)
         findings += found
     numbered = tuple(_numbered(finding, capture) for finding in findings)
