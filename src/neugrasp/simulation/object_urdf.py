@@ -76,7 +76,7 @@ class _Shape:
             return self.file
         content = hashlib.sha256(self.file.read_bytes())
         content.update(self.scale.tobytes() + self.link_from_mesh.tobytes())
-        path = cache_folder() / "placed-1" / f"{content.hexdigest()[:40]}.obj"
+        path = cache_folder() / "placed-2" / f"{content.hexdigest()[:40]}.obj"
         if not path.exists():
             write_obj(path, parts, decimals=10)
         return path
