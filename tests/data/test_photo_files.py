@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image as Picture
+from PIL.PngImagePlugin import PngInfo
 
 from neugrasp.data.photo_files import image_size, photo_tags, read_image
 from neugrasp.errors import InputError
@@ -148,3 +149,62 @@ def test_damaged_tags_are_no_tags(tmp_path: Path):
             continue
         assert found.focal_35mm is None or 5 <= found.focal_35mm <= 2000
         assert found.lies is None or len(found.lies) < 50
+
+
+XMP = (
+    b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
+    b'<rdf:Description xmlns:tiff="http://ns.adobe.com/tiff/1.0/" tiff:Orientation="6"/></rdf:RDF>'
+    b"</x:xmpmeta>"
+)
+
+
+@pytest.mark.parametrize("place", ["MPO", "XMP", "text of a PNG"])
+def test_an_orientation_is_found_wherever_it_is_written(tmp_path: Path, place: str):
+    tags = Picture.Exif()
+    tags[274] = 6
+    picture, file = Picture.fromarray(PHOTO), tmp_path / "a.jpg"
+    if place == "MPO":
+        picture.save(file, "MPO", exif=tags)
+    elif place == "XMP":
+        picture.save(file, xmp=XMP)
+    else:
+        text = PngInfo()
+        text.add_text("Raw profile type exif", f"\nexif\n{len(tags.tobytes()):8}\n{tags.tobytes().hex()}")
+        picture.save(file, "PNG", pnginfo=text)
+    assert photo_tags(file, "view 0").lies == "turned by 90 degrees"
+    assert read_image(file, "view 0").shape == PHOTO.shape
+
+
+@pytest.mark.parametrize("mode", ["LA", "P", "L", "1", "RGBA"])
+def test_photos_of_few_colours_are_read_as_they_look(tmp_path: Path, mode: str):
+    picture = Picture.fromarray(PHOTO).convert(mode)
+    picture.save(tmp_path / "a.png")
+    np.testing.assert_array_equal(
+        read_image(tmp_path / "a.png", "view 0"), np.asarray(picture.convert("RGB"))
+    )
+
+
+@pytest.mark.parametrize("mode", ["P", "L"])
+def test_a_colour_that_is_transparent_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixture, mode: str):
+    picture = Picture.fromarray(PHOTO).convert(mode)
+    picture.save(tmp_path / "a.png", transparency=int(np.asarray(picture)[0, 0]))
+    read_image(tmp_path / "a.png", "view 0")
+    assert "are transparent" in caplog.text
+
+
+@pytest.mark.parametrize("mode", ["CMYK", "LAB", "YCbCr", "F", "I"])
+def test_other_pixels_are_refused(tmp_path: Path, mode: str):
+    grey = Picture.fromarray(PHOTO[..., 0].astype(np.float32 if mode == "F" else np.int32))
+    (grey if mode in "FI" else Picture.fromarray(PHOTO).convert(mode)).save(tmp_path / "a.tif")
+    with pytest.raises(InputError, match=f"pixels of type {mode}; view 0 needs an 8-bit RGB photo"):
+        read_image(tmp_path / "a.tif", "view 0")
+
+
+@pytest.mark.parametrize("kind", ["png", "jpg"])
+@pytest.mark.parametrize("share", [0.0, 0.02, 0.5])
+def test_a_file_that_was_cut_off_is_refused(tmp_path: Path, kind: str, share: float):
+    file = tmp_path / f"a.{kind}"
+    Picture.fromarray(PHOTO).save(file)
+    file.write_bytes(file.read_bytes()[: int(share * file.stat().st_size)])
+    with pytest.raises(InputError, match="needs a complete PNG or JPEG photo"):
+        read_image(file, "view 0")

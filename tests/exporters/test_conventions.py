@@ -244,6 +244,9 @@ def test_the_program_writes_the_file(
         (["--format", "vgn", "--link", "hand"], "--link is for --format ros"),
         (["--format", "graspnet", "--frame-id", "map"], "--frame-id is for --format ros"),
         (["--gripper", "hook"], "unknown gripper 'hook'"),
+        (["--gripper", "Panda"], "unknown gripper 'Panda'"),
+        (["--gripper", "robotiq_2f85", "--link", "panda_link8"], "is of the Panda"),
+        (["--format", "ur", "--link", "panda_link8"], "is of the Panda"),
     ],
 )
 def test_a_mistake_ends_with_2(
