@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from neugrasp import cli
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, inverse, rigid
 from neugrasp.importers.colmap import read_model
+from neugrasp.importers.nerfstudio import read_transforms
 from neugrasp.importers.photo_folder import PhotoFolder
 from neugrasp.observation import Views
 from patterned_table import edited, imported, patterned_views
@@ -209,3 +211,53 @@ def test_a_matrix_of_the_whole_photo_does_not_fit_half_of_it(
     file.write_text(json.dumps(data))
     code = imported(tmp_path, ["nerfstudio", str(file)], views)
     assert code == 2 or cli.main(["doctor", str(tmp_path / "scene")]) == 1
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"camera": {"model": "fisheye"}},
+        {"camera_model": "EQUIRECTANGULAR"},
+        {"k4": 0.1},
+        {"scale": 0.5},
+        {"transform_matrix": np.zeros((4, 4)).tolist()},
+        {"intrinsics": "none", "fl_x": None},
+    ],
+    ids=lambda more: next(iter(more)),
+)
+def test_a_photo_that_is_not_wanted_is_not_judged(views: Views, tmp_path: Path, more: dict[str, Any]):
+    file = write_nerfstudio(tmp_path / "a", views, Similarity())
+    file = edited(file, lambda data: data["frames"][3].update(more))
+    source = ["nerfstudio", str(file)]
+    assert imported(tmp_path, [*source, "--views", "view_0", "view_1", "view_2"], views) == 0
+    (tmp_path / "b").mkdir()
+    assert imported(tmp_path / "b", source, views) == 2
+
+
+@pytest.mark.parametrize("suffix", [".AVIF", ".heif", ".DNG", ".cr3", ".NEF", ".jxl"])
+def test_photos_of_other_kinds_are_named_or_found_once_converted(
+    views: Views, tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str
+):
+    file = write_nerfstudio(tmp_path / "a", views, Similarity())
+    file.write_text(file.read_text().replace(".png", suffix))
+    assert imported(tmp_path, ["nerfstudio", str(file)], views) == 0
+    for folder in ("images", "backgrounds"):
+        for photo in (tmp_path / "a" / folder).iterdir():
+            photo.rename(photo.with_suffix(suffix))
+    (tmp_path / "b").mkdir()
+    assert imported(tmp_path / "b", ["nerfstudio", str(file)], views) == 2
+    assert re.search("it holds (AVIF|HEIF|raw|JPEG XL) files, which are not read", capsys.readouterr().err)
+
+
+def test_an_angle_of_view_holds_for_photos_of_every_size(views: Views, tmp_path: Path):
+    """Of photos halved after the reconstruction, too."""
+    file = write_nerfstudio(tmp_path / "a", views, Similarity())
+    width, focal = views.frames[0].camera.width, views.frames[0].camera.intrinsics[0, 0]
+    data = json.loads(file.read_text())
+    for frame in data["frames"]:
+        for key in ("fl_x", "fl_y", "cx", "cy", "w", "h"):
+            del frame[key]
+        frame["camera_angle_x"] = 2 * np.arctan(width / 2 / focal)
+    file.write_text(json.dumps(data))
+    for entry in read_transforms(file, lambda _: (width // 2, 60)):
+        assert entry.read().lens.intrinsics[0, 0] == pytest.approx(focal / 2)
