@@ -126,8 +126,9 @@ STL = text_stl(BRICK)
         "\ufeff" + STL,
         STL.replace("\n", "\r"),
         text_stl(BRICK, "vertex 1 2 3"),
+        STL.replace("solid a", "solid_a", 1),
     ],
-    ids=["upper", "mixed", "blank", "mark", "carriage returns", "name"],
+    ids=["upper", "mixed", "blank", "mark", "carriage returns", "name", "joined"],
 )
 def test_an_stl_in_text_is_the_same_however_it_is_written(tmp_path: Path, content: str):
     (tmp_path / "a.stl").write_bytes(content.encode())

@@ -178,7 +178,7 @@ def _solids(lines: list[list[str]]) -> list[Array]:
     solids: list[list[list[float]]] = []
     is_open = False
     for words in filter(None, lines):
-        if words[0] == "solid":
+        if words[0].startswith("solid"):
             solids.append([])
             is_open = True
         elif words[0] == "endsolid":
