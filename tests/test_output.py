@@ -431,7 +431,10 @@ def test_an_interruption_in_the_first_second_leaves_no_traceback(seconds: float)
         process.stdout.readline()
         time.sleep(seconds)
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=60)
+        try:
+            _, said = process.communicate(timeout=60)
+        finally:
+            process.kill()
     assert b"Traceback" not in said
     assert process.returncode == 130
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import sys
+
+from neugrasp.interrupt import CODE, ends_at_once
+
 
 def main() -> int:
     """Runs the program; 130 where it is interrupted before it can say so itself.
@@ -9,12 +13,13 @@ def main() -> int:
     What it imports takes its first second; whoever ends it then has made no mistake.
     """
     try:
-        from neugrasp import cli
+        with ends_at_once():
+            from neugrasp import cli
 
         return cli.main()
     except KeyboardInterrupt:
-        return 130
+        return CODE
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(main())
