@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -427,7 +428,9 @@ sys.exit(main())
 @pytest.mark.parametrize("seconds", [0, 0.05, 0.15, 0.3, 0.5, 0.8, 1.2, 3])
 def test_an_interruption_in_the_first_second_leaves_no_traceback(seconds: float):
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with subprocess.Popen([sys.executable, "-c", INTERRUPTED], **pipes) as process:
+    # A shell that starts the tests in the background tells them, and what they start, to ignore Ctrl-C.
+    heeds = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    with subprocess.Popen([sys.executable, "-c", INTERRUPTED], preexec_fn=heeds, **pipes) as process:
         process.stdout.readline()
         time.sleep(seconds)
         process.send_signal(signal.SIGINT)

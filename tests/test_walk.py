@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 import tyro
 
+from ball_lessons import write_lessons
 from ball_record import ball_record
 from neugrasp import cli
 from neugrasp.data.records import read_record, write_record
@@ -34,6 +35,7 @@ STEPS = {
     "datasheet": "datasheet --data data --out sheet",
     "pack": "pack --data data --out shards",
     "train": "train --recipe head --data shards --steps 1 --loaders 0 --out run",
+    "train-evaluator": "train-evaluator --data lessons --steps 1 --out judge",
     "validate": "validate --data photos --out held",
     "evaluate": "evaluate --detector oracle --scene packed --rounds 1 --workers 1 --out rounds",
     "compare": "compare rounds rounds2",
@@ -112,6 +114,7 @@ def photograph(data: Path, out: Path) -> None:
 @pytest.mark.timeout(1800)
 def test_a_walk_through_every_command(tmp_path: Path):
     phone(tmp_path / "phone")
+    write_lessons(tmp_path / "lessons", 12)
     left = dict(STEPS)
     try:
         find_browser()

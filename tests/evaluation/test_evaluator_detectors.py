@@ -67,7 +67,8 @@ def test_photos_are_judged_by_it(evaluator):
     found, again = detector.detect(views), detector.detect(views)
     assert found.grasps
     assert found.threshold == 0.1
-    assert set(found.rejected) == {"not_the_best_nearby", "quality_below_threshold"}
+    reasons = {"not_the_best_nearby", "quality_below_threshold", "nothing_between_the_fingers"}
+    assert set(found.rejected) == reasons
     assert [g.score for g in found.grasps] == [g.score for g in again.grasps]
     with_head = NeuGraspDetector.load().detect(views)
     assert np.array_equal(found.tsdf, with_head.tsdf)

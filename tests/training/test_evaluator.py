@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +10,8 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
-from neugrasp.data.lessons import ABOUT, Lesson, about_lessons, joined, read_lesson, write_lesson
+from ball_lessons import lesson, told_of, write_lessons
+from neugrasp.data.lessons import joined, read_lesson, write_lesson
 from neugrasp.detection.judge import Judge
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import Workspace
@@ -29,35 +29,9 @@ WORKSPACE = Workspace()
 TINY = EvaluatorConfig(steps=6, batch=16, widths=(4, 6, 8), hidden=8, checkpoint_every=2)
 
 
-def lesson(seed: int, count: int = 40) -> Lesson:
-    """A ball; a grasp from above holds where the TCP is near its middle."""
-    rng = np.random.default_rng(seed)
-    centre = np.array([*rng.uniform(0.1, 0.2, 2), 0.08])
-    places = WORKSPACE.voxel_centres()
-    distance = np.minimum(np.linalg.norm(places - centre, axis=-1) - 0.025, places[..., 2] - 0.05)
-    positions = centre + rng.uniform(-0.04, 0.04, (count, 3)) * [1, 1, 0]
-    near = np.linalg.norm(positions - centre, axis=1) < 0.03
-    return Lesson(
-        np.clip(distance / WORKSPACE.truncation, -1, 1)[None].astype(np.float16),
-        positions.astype(np.float32),
-        np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1)),
-        near,
-        np.ones(count, np.bool_),
-        np.zeros(count, np.uint8),
-    )
-
-
 @pytest.fixture(scope="module")
 def data(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("lessons")
-    for seed in range(12):
-        write_lesson(folder / f"ball-{seed:02d}.npz", lesson(seed))
-    told_of(folder, "panda")
-    return folder
-
-
-def told_of(folder: Path, gripper: str) -> None:
-    (folder / ABOUT).write_text(json.dumps(about_lessons(gripper, f"hash of {gripper}")))
+    return write_lessons(tmp_path_factory.mktemp("lessons"), 12)
 
 
 def test_a_lesson_comes_back_as_it_was_written(tmp_path):
