@@ -17,7 +17,7 @@ TABLES = {"simulation/blender_materials.py", "simulation/materials.py"}
 """Tables of materials may be longer."""
 
 LAYERS = [
-    {"errors", "interrupt", "progress"},
+    {"errors", "progress"},
     {"output", "terminal"},
     {"geometry", "long_runs"},
     {"observation", "grasp", "gripper"},

@@ -26,7 +26,6 @@ from neugrasp.evaluation.commands import Compare, Evaluate, Failures, Results, S
 from neugrasp.exporters.command import Export
 from neugrasp.figures.command import Figure
 from neugrasp.importers.command import Import, PrintBoard
-from neugrasp.interrupt import CODE, ends_at_once
 from neugrasp.report.command import DataSheet, Predict
 from neugrasp.simulation.command import Generate
 from neugrasp.terminal import check_command, printable, speak_plainly
@@ -66,8 +65,7 @@ class Command:
 
 def _loaded(name: str) -> Callable[..., Any]:
     module, _, function = name.partition(":")
-    with ends_at_once():
-        loaded: Callable[..., Any] = getattr(importlib.import_module(f"neugrasp.{module}"), function)
+    loaded: Callable[..., Any] = getattr(importlib.import_module(f"neugrasp.{module}"), function)
     return loaded
 
 
@@ -121,7 +119,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return report.exit_code if isinstance(report, Verdict) else 0
     except KeyboardInterrupt:
         print("neugrasp: interrupted", file=sys.stderr)
-        return CODE
+        return 130
     except (NeuGraspError, OSError) as error:
         return _failed(f"{error}")
     except MemoryError:

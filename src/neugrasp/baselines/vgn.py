@@ -23,11 +23,10 @@ from neugrasp.errors import InputError
 from neugrasp.geometry.fusion import Grid, Tsdf, fuse, vgn_grid
 from neugrasp.geometry.pose import inverse, rigid
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.grasp import Grasps
 from neugrasp.gripper import Gripper
-from neugrasp.model.checkpoint import FLOATS
 from neugrasp.model.config import ModelConfig
 from neugrasp.model.grasp_head import GraspHead
+from neugrasp.model.weights_file import FLOATS
 from neugrasp.observation import Observation, with_depth
 
 INSIDE = (2e-3 - 1, 0.0)
@@ -117,17 +116,8 @@ class VgnDetector:
             tsdf = fuse([view.depth for view in views.frames], cameras, workspace)
         with watch.stage("grasp_head"):
             chosen, grid = vgn_selection(self._head, tsdf, workspace, self._gripper, self._config)
-        grasps = Grasps.of(grasp.moved(placed) for grasp in chosen.grasps)
-        return Detection(
-            grasps,
-            workspace,
-            self._gripper,
-            grid,
-            chosen.rejected,
-            chosen.best_rejected,
-            self._config.threshold,
-            watch.seconds,
-            views.source,
+        return chosen.detection(
+            workspace, self._gripper, grid, self._config.threshold, watch.seconds, views.source
         )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp.data.fields import Fields
-from neugrasp.data.npz import npz_arrays, npz_bytes
+from neugrasp.data.npz import Columns, check_columns, npz_arrays, npz_bytes
 from neugrasp.data.strict_json import read_json
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import USUAL
@@ -24,7 +24,7 @@ from neugrasp.output import whole_file
 ABOUT = "lessons.json"
 """In a folder of lessons: what all of them have in common."""
 FORMAT, VERSION = "neugrasp-lessons", 1
-COLUMNS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
+COLUMNS: Columns = {
     "positions": (np.float32, (3,)),
     "quaternions": (np.float32, (4,)),
     "success": (np.bool_, ()),
@@ -83,10 +83,7 @@ def read_lesson(path: Path) -> Lesson:
     resolution, count = USUAL.resolution, len(arrays["success"])
     if arrays["grids"].shape[1:] != (resolution,) * 3:
         raise InputError(f"{path}: grids have the shape {arrays['grids'].shape}, not (g, 40, 40, 40)")
-    for name, (kind, shape) in COLUMNS.items():
-        if arrays[name].shape != (count, *shape) or arrays[name].dtype != kind:
-            found = f"{arrays[name].dtype} {arrays[name].shape}"
-            raise InputError(f"{path}: {name} is {found}; it must be {np.dtype(kind)} {(count, *shape)}")
+    check_columns(arrays, COLUMNS, count, str(path))
     if count and arrays["seen"].max() >= len(arrays["grids"]):
         raise InputError(f"{path}: seen names number {arrays['seen'].max()} of {len(arrays['grids'])} grids")
     return Lesson(**arrays)

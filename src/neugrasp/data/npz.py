@@ -36,6 +36,18 @@ DAMAGE = (
 """What reading a damaged archive, or an array in it, may raise."""
 
 
+Columns = Mapping[str, tuple[type[np.generic], tuple[int, ...]]]
+"""By name the type of a column, and the shape of one entry in it."""
+
+
+def check_columns(arrays: Mapping[str, NDArray[Any]], columns: Columns, count: int, source: str) -> None:
+    """Raises `InputError` naming `source` where a column has another type, or not `count` entries."""
+    for name, (kind, shape) in columns.items():
+        if arrays[name].shape != (count, *shape) or arrays[name].dtype != kind:
+            found = f"{arrays[name].dtype} {arrays[name].shape}"
+            raise InputError(f"{source}: {name} is {found}; it must be {np.dtype(kind)} {(count, *shape)}")
+
+
 def reason_of(error: BaseException) -> str:
     """What an error says, cut where it repeats what it found, which may be long and may be anything."""
     said = f"{error}" or type(error).__name__

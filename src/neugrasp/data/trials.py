@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neugrasp.data.npz import npz_arrays, npz_bytes
+from neugrasp.data.npz import Columns, check_columns, npz_arrays, npz_bytes
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import USUAL
 from neugrasp.simulation.scene import Scene, scene_from_json, scene_to_json
 
-COLUMNS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
+COLUMNS: Columns = {
     "positions": (np.float32, (3,)),
     "quaternions": (np.float32, (4,)),
     "widths": (np.float32, ()),
@@ -148,10 +148,7 @@ def _about(array: NDArray[Any], source: str) -> dict[str, Any]:
 
 def _check(arrays: dict[str, NDArray[Any]], tables: dict[str, Any], source: str) -> None:
     count = len(arrays["success"])
-    for name, (kind, shape) in COLUMNS.items():
-        if arrays[name].shape != (count, *shape) or arrays[name].dtype != kind:
-            found = f"{arrays[name].dtype} {arrays[name].shape}"
-            raise InputError(f"{source}: {name} is {found}; it must be {np.dtype(kind)} {(count, *shape)}")
+    check_columns(arrays, COLUMNS, count, source)
     for name, table in tables.items():
         if count and arrays[name].max() >= len(table):
             raise InputError(f"{source}: {name} names number {arrays[name].max()} of {len(table)}")

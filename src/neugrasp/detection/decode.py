@@ -6,17 +6,18 @@ along the approach (docs/conventions.md).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from neugrasp.detection.contract import Detection
 from neugrasp.detection.hand_check import HandCheck
 from neugrasp.geometry.pose import Array, from_quaternion, to_quaternion
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.grasp import Grasp
+from neugrasp.grasp import Grasp, Grasps
 from neugrasp.gripper import Gripper
 
 Grid = NDArray[np.float32]
@@ -65,6 +66,29 @@ class Selection:
     best_rejected: float
     """The best smoothed quality of a voxel on a surface; says how far the threshold was."""
 
+    def detection(
+        self,
+        workspace: Workspace,
+        gripper: Gripper,
+        tsdf: Grid,
+        threshold: float,
+        timing_s: Mapping[str, float] | None = None,
+        source: str = "",
+    ) -> Detection:
+        """What a detector with this surface returns: the grasps in the user's world."""
+        placed = workspace.world_from_workspace
+        return Detection(
+            Grasps.of(grasp.moved(placed) for grasp in self.grasps),
+            workspace,
+            gripper,
+            tsdf,
+            self.rejected,
+            self.best_rejected,
+            threshold,
+            timing_s or {},
+            source,
+        )
+
 
 def near_surface(tsdf: Grid, config: SelectionConfig) -> NDArray[np.bool_]:
     """Voxels where a grasp point may lie: outside, or just under what is outside, but not inside."""
@@ -111,9 +135,9 @@ def select_grasps(
     # Last, not before the suppression: the neighbours that would take the place of a peak that fails pass
     # only just, and hold less often.
     if config.hand is not None:
-        room = config.hand.room(prediction.tsdf, workspace, _poses(grasps))
+        room = config.hand.room(prediction.tsdf, workspace, Grasps.of(grasps).poses)
         grasps = tuple(grasp.advanced(further) for grasp, further in zip(grasps, room, strict=True))
-        holds, is_free = config.hand.passes(prediction.tsdf, workspace, _poses(grasps))
+        holds, is_free = config.hand.passes(prediction.tsdf, workspace, Grasps.of(grasps).poses)
         rejected["nothing_between_the_fingers"] = int(np.count_nonzero(~holds))
         rejected["hand_would_collide"] = int(np.count_nonzero(holds & ~is_free))
         passes = holds & is_free
@@ -123,11 +147,6 @@ def select_grasps(
         rejected["held_by_the_rim"] = int(np.count_nonzero(passes & ~kept))
         grasps = tuple(grasp for grasp, is_kept in zip(grasps, kept, strict=True) if is_kept)
     return Selection(grasps, rejected, best)
-
-
-def _poses(grasps: Sequence[Grasp]) -> Array:
-    """(k, 4, 4)."""
-    return np.array([grasp.pose for grasp in grasps], dtype=np.float64).reshape(-1, 4, 4)
 
 
 def decode_grasp(

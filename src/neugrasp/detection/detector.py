@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -85,6 +84,24 @@ class NeuGraspDetector:
         selection = SelectionConfig(threshold=threshold, hand=HandCheck(hand) if hand_check else None)
         return cls(checkpoint.model(), hand, selection, device, precision)
 
+    @classmethod
+    def of(cls, options: DetectorOptions, evaluator: str | None = None) -> NeuGraspDetector:
+        """As `load`, from what a command says; its evaluator is not asked unless it is given."""
+        return cls.load(
+            options.weights,
+            options.gripper,
+            options.device,
+            threshold=options.threshold,
+            hand_check=options.hand_check,
+            precision=options.precision,
+            evaluator=evaluator,
+        )
+
+    @classmethod
+    def judged(cls, options: DetectorOptions) -> NeuGraspDetector:
+        """As `of`, with the evaluator of the options."""
+        return cls.of(options, options.evaluator)
+
     def __repr__(self) -> str:
         device = self.compute.device
         return f"NeuGraspDetector({self.gripper.name}, threshold {self.threshold:g}, {device})"
@@ -122,25 +139,15 @@ class NeuGraspDetector:
                 prediction = predict_grasps(self.model.head, tsdf, device)
         with watch.stage("selection"):
             chosen = self._chosen(prediction)
-            placed = views.workspace.world_from_workspace
-            grasps = Grasps.of(grasp.moved(placed) for grasp in chosen.grasps)
-        return Detection(
-            grasps,
-            views.workspace,
-            self.gripper,
-            prediction.tsdf,
-            chosen.rejected,
-            chosen.best_rejected,
-            self.threshold,
-            watch.seconds,
-            views.source,
+        return chosen.detection(
+            views.workspace, self.gripper, prediction.tsdf, self.threshold, watch.seconds, views.source
         )
 
     def _chosen(self, prediction: Prediction) -> Selection:
         chosen = select_grasps(prediction, self.model.workspace, self.gripper, self.selection)
         if self.judge is None:
             return chosen
-        peaks = np.array([grasp.pose for grasp in chosen.grasps], np.float64).reshape(-1, 4, 4)
+        peaks = Grasps.of(chosen.grasps).poses
         return self.judge.find(prediction.tsdf, self.model.workspace, peaks)
 
     def _backgrounds(self, inputs: ViewTensors) -> Tensor | None:
@@ -172,34 +179,12 @@ def facts_of(options: DetectorOptions) -> dict[str, Any]:
     return {**file, "trained": trained, "hand_check": options.hand_check, **asked}
 
 
-def _load(options: DetectorOptions) -> NeuGraspDetector:
-    return NeuGraspDetector.load(
-        options.weights,
-        options.gripper,
-        options.device,
-        threshold=options.threshold,
-        hand_check=options.hand_check,
-        precision=options.precision,
-    )
-
-
-def _load_judged(options: DetectorOptions) -> NeuGraspDetector:
-    return NeuGraspDetector.load(
-        options.weights,
-        options.gripper,
-        options.device,
-        threshold=options.threshold,
-        precision=options.precision,
-        evaluator=options.evaluator,
-    )
-
-
 def _judged_facts(options: DetectorOptions) -> dict[str, Any]:
     workspace = load_checkpoint(options.weights).workspace
     facts = facts_of(options) | judge_facts(options, workspace)
     return {name: fact for name, fact in facts.items() if name != "hand_check"}
 
 
-SPEC = DetectorSpec(PHOTOS, _load, facts_of)
-JUDGED = DetectorSpec(PHOTOS, _load_judged, _judged_facts)
+SPEC = DetectorSpec(PHOTOS, NeuGraspDetector.of, facts_of)
+JUDGED = DetectorSpec(PHOTOS, NeuGraspDetector.judged, _judged_facts)
 """The same surface; an evaluator of grasps in place of the head's scores and the rules."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +30,12 @@ class DetectorOptions:
     """Where PyTorch computes."""
     precision: str = "float32"
     """float32, or bfloat16 where that is faster."""
+
+    @classmethod
+    def of(cls, command: object) -> DetectorOptions:
+        """What a command says of them, under the same names."""
+        names = [one.name for one in fields(cls) if hasattr(command, one.name)]
+        return cls(**{name: getattr(command, name) for name in names})
 
 
 Box = tuple[float, float, float, float, float, float]

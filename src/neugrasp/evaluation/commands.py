@@ -69,16 +69,7 @@ class Evaluate:
 
     def options(self) -> DetectorOptions:
         """What the detector is told."""
-        return DetectorOptions(
-            weights=self.weights,
-            gripper=self.gripper,
-            threshold=self.threshold,
-            hand_check=self.hand_check,
-            evaluator=self.evaluator,
-            seed=self.seed,
-            device=self.device,
-            precision=self.precision,
-        )
+        return DetectorOptions.of(self)
 
     @property
     def object_sets(self) -> tuple[str, ...]:

@@ -27,6 +27,7 @@ from neugrasp.data.strict_json import parse_json
 from neugrasp.detection.ask_head import predict_grasps
 from neugrasp.detection.decode import select_grasps
 from neugrasp.detection.detector import NeuGraspDetector
+from neugrasp.detection.options import DetectorOptions
 from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Validate
 from neugrasp.evaluation.held_out_table import held_out_table
@@ -123,14 +124,7 @@ def run_held_out(run: Validate) -> dict[str, Any]:
     `InputError` where `run.out` holds attempts of other weights or options.
     """
     records = _read_all(run.data)
-    detector = NeuGraspDetector.load(
-        run.weights,
-        run.gripper,
-        run.device,
-        threshold=run.threshold,
-        hand_check=run.hand_check,
-        precision=run.precision,
-    )
+    detector = NeuGraspDetector.of(DetectorOptions.of(run))
     sets = sorted({body.object_set for record in records for body in record.scene.bodies})
     library = ObjectLibrary.open(sets, run.objects)
     for record in records:

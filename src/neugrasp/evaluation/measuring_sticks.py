@@ -52,16 +52,7 @@ class Oracle:
             config = SelectionConfig(threshold=self.threshold, hand=self.hand)
             prediction = predict_grasps(self.head, tsdf)
             chosen = select_grasps(prediction, truth.workspace, self.gripper, config)
-        placed = truth.workspace.world_from_workspace
-        return Detection(
-            Grasps.of(grasp.moved(placed) for grasp in chosen.grasps),
-            truth.workspace,
-            self.gripper,
-            tsdf,
-            chosen.rejected,
-            chosen.best_rejected,
-            self.threshold,
-        )
+        return chosen.detection(truth.workspace, self.gripper, tsdf, self.threshold)
 
 
 @dataclass(frozen=True)
@@ -74,16 +65,7 @@ class JudgedTruth:
         """What the judge finds, best first."""
         tsdf = truth.tsdf.values
         chosen = self.judge.find(tsdf, truth.workspace)
-        placed = truth.workspace.world_from_workspace
-        return Detection(
-            Grasps.of(grasp.moved(placed) for grasp in chosen.grasps),
-            truth.workspace,
-            self.judge.gripper,
-            tsdf,
-            chosen.rejected,
-            chosen.best_rejected,
-            self.judge.config.threshold,
-        )
+        return chosen.detection(truth.workspace, self.judge.gripper, tsdf, self.judge.config.threshold)
 
 
 @dataclass(frozen=True)

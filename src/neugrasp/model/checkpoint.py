@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from functools import partial
@@ -10,18 +9,21 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from neugrasp.data.fields import Fields
-from neugrasp.data.strict_json import parse_json
-from neugrasp.errors import InputError, WriteError
-from neugrasp.geometry.workspace import USUAL, Workspace
+from neugrasp.errors import InputError
+from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.config import ModelConfig, NetworkConfig
 from neugrasp.model.network import NeuGrasp
-from neugrasp.output import whole_file
+from neugrasp.model.weights_file import (
+    check_tensors,
+    described,
+    named_file,
+    read_weights,
+    workspace_from,
+    write_weights,
+)
 
 FORMAT = "neugrasp-weights"
 NEUGRASP = "neugrasp"
@@ -29,9 +31,6 @@ NEUGRASP = "neugrasp"
 VERSION = 1
 LARGEST, DEEPEST = 4096, 64
 """Of any size in a configuration, and of blocks one behind the other."""
-CUBE = ("size", "resolution", "table_height", "truncation")
-"""What of a workspace matters to a network: `Workspace.cube`."""
-FLOATS = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
 
 
 @dataclass(frozen=True)
@@ -68,23 +67,8 @@ def save_checkpoint(
     path: Path, model: Described, about: dict[str, Any], half: bool = False, network: str = NEUGRASP
 ) -> None:
     """Writes the weights whole or not at all; `half` stores float16, for shipping. `network` is its name."""
-    tensors = {
-        name: (tensor.half() if half else tensor.float()).detach().cpu().contiguous()
-        for name, tensor in model.state_dict().items()
-    }
-    metadata = {
-        "format": FORMAT,
-        "version": str(VERSION),
-        "config": json.dumps(asdict(model.config)),
-        "workspace": json.dumps(dict(zip(CUBE, model.workspace.cube, strict=True))),
-        "about": json.dumps(about),
-        **({} if network == NEUGRASP else {"network": network}),
-    }
-    with whole_file(path) as part:
-        try:
-            save_file(tensors, part, metadata)
-        except SafetensorError as error:
-            raise WriteError(f"{path}: cannot be written ({error})") from error
+    named = {} if network == NEUGRASP else {"network": network}
+    write_weights(path, FORMAT, model.state_dict(), asdict(model.config), model.workspace, about, half, named)
 
 
 def shipped_weights() -> dict[str, Path]:
@@ -95,16 +79,7 @@ def shipped_weights() -> dict[str, Path]:
 
 def find_weights(name_or_path: str | Path) -> Path:
     """The file of shipped weights, by name, or of the user's own; raises `InputError` when there is none."""
-    shipped = shipped_weights()
-    if str(name_or_path) in shipped:
-        return shipped[str(name_or_path)]
-    path = Path(name_or_path)
-    if not path.is_file():
-        raise InputError(
-            f"no weights {str(name_or_path)!r}: neither a file nor one of the shipped weights "
-            f"({', '.join(shipped) or 'none'})"
-        )
-    return path
+    return named_file(name_or_path, shipped_weights(), "weights", "weights")
 
 
 def load_checkpoint(name_or_path: str | Path) -> Checkpoint:
@@ -112,7 +87,7 @@ def load_checkpoint(name_or_path: str | Path) -> Checkpoint:
     path = find_weights(name_or_path)
     metadata, tensors = _weights_of(path, NEUGRASP)
     config = _config_from(described(path, metadata, "config"))
-    _check_tensors(path, partial(NeuGrasp, config), tensors)
+    check_tensors(path, partial(NeuGrasp, config), tensors)
     about = described(path, metadata, "about") if "about" in metadata else Fields(str(path), {}, "about.")
     return Checkpoint(config, tensors, _checked_about(about), workspace_from(path, metadata))
 
@@ -131,7 +106,7 @@ def load_network(
     given.only(known)
     config = kind(**{entry: _entry(given, entry, known[entry]) for entry in given.data})
     workspace = workspace_from(path, metadata)
-    _check_tensors(path, partial(build, config, workspace), tensors)
+    check_tensors(path, partial(build, config, workspace), tensors)
     network = build(config, workspace)
     network.load_state_dict({key: tensor.float() for key, tensor in tensors.items()})
     return network.eval()
@@ -144,49 +119,6 @@ def _weights_of(path: Path, network: str) -> tuple[dict[str, str], dict[str, Ten
     if found != network:
         raise InputError(f"{path}: weights of the network {found[:40]!r}, not {network!r}; give --detector")
     return metadata, tensors
-
-
-def read_weights(path: Path, kind: str, words: str) -> tuple[dict[str, str], dict[str, Tensor]]:
-    """Metadata and tensors of a weights file of the format `kind`, which messages call `words`.
-
-    Raises `InputError` on a damaged, foreign or newer file.
-    """
-    try:
-        with safe_open(path, framework="pt") as file:
-            metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (
-        SafetensorError,
-        OSError,
-        RuntimeError,
-        ValueError,
-        TypeError,
-        LookupError,
-        AttributeError,
-    ) as error:
-        raise InputError(f"{path}: not a readable safetensors file ({error})") from error
-    if metadata.get("format") != kind:
-        found = f"{metadata.get('format')!r}"[:40]
-        raise InputError(f"{path}: not {words} (format {found}, not {kind!r})")
-    _check_version(path, metadata.get("version", ""))
-    return metadata, tensors
-
-
-def _check_version(path: Path, version: str) -> None:
-    if version.isascii() and version.isdigit() and len(version) < 10 and int(version) > VERSION:
-        raise InputError(
-            f"{path}: format version {version} is newer than this program reads ({VERSION}); update neugrasp"
-        )
-    if version != str(VERSION):
-        raise InputError(f"{path}: format version {version[:20]!r}; this program reads {VERSION}")
-
-
-def described(path: Path, metadata: dict[str, str], entry: str) -> Fields:
-    """The JSON object in the metadata."""
-    if entry not in metadata:
-        raise InputError(f"{path}: not NeuGrasp weights (no {entry} in its metadata)")
-    where = f"{path}: {entry}"
-    return Fields(str(path), Fields(where, parse_json(metadata[entry], where)).data, f"{entry}.")
 
 
 def _config_from(told: Fields) -> ModelConfig:
@@ -202,17 +134,6 @@ def _config_from(told: Fields) -> ModelConfig:
     if config.image_size % 16:
         raise told.refuse("image_size", f"is {config.image_size}; it must be a multiple of 16")
     return config
-
-
-def workspace_from(path: Path, metadata: dict[str, str]) -> Workspace:
-    """The cube that is written down; weights of before it was are for the usual one."""
-    if "workspace" not in metadata:
-        return USUAL
-    cube = described(path, metadata, "workspace")
-    cube.only(CUBE)
-    for name in CUBE:
-        cube.get(name)
-    return Workspace.from_dict(cube)
 
 
 def _entry(described: Fields, name: str, default: Any) -> Any:
@@ -242,22 +163,3 @@ def _checked_about(about: Fields) -> dict[str, Any]:
     for count in {"steps", "scenes"} & about.data.keys():
         about.whole(count, 0, 10**12)
     return about.data
-
-
-def _check_tensors(path: Path, build: Callable[[], nn.Module], tensors: dict[str, Tensor]) -> None:
-    try:
-        with torch.device("meta"):
-            expected = build().state_dict()
-    except (ValueError, RuntimeError, TypeError, ArithmeticError, AssertionError) as error:
-        raise InputError(f"{path}: its configuration describes no network ({error})") from error
-    if missing := set(expected) ^ set(tensors):
-        raise InputError(f"{path}: tensors do not fit its configuration: {sorted(missing)[:3]} ...")
-    for name, tensor in tensors.items():
-        if tensor.dtype not in FLOATS:
-            raise InputError(f"{path}: tensor {name} is of type {tensor.dtype}; weights are floating numbers")
-        if tensor.shape != expected[name].shape:
-            raise InputError(
-                f"{path}: tensor {name} has shape {tuple(tensor.shape)}, not {tuple(expected[name].shape)}"
-            )
-        if not torch.isfinite(tensor.float()).all():
-            raise InputError(f"{path}: tensor {name} holds NaN or infinite values; the file is damaged")

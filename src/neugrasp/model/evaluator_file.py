@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import torch
-from safetensors.torch import save_file
 from torch import Tensor
 
-from neugrasp.errors import InputError
-from neugrasp.geometry.workspace import Workspace
-from neugrasp.model.checkpoint import CUBE, FLOATS, described, read_weights, workspace_from
+from neugrasp.geometry.workspace import USUAL, Workspace
 from neugrasp.model.grasp_evaluator import BOX, GraspEvaluator
-from neugrasp.output import whole_file
+from neugrasp.model.weights_file import (
+    check_tensors,
+    described,
+    named_file,
+    read_weights,
+    workspace_from,
+    write_weights,
+)
 
-FORMAT, VERSION = "neugrasp-evaluator", 1
+FORMAT = "neugrasp-evaluator"
 WIDEST = 1024
 
 
@@ -31,7 +33,7 @@ class EvaluatorFile:
     tensors: dict[str, Tensor]
     about: dict[str, Any]
     """Steps, commit, data: whatever the trainer noted."""
-    workspace: Workspace = field(default_factory=Workspace)
+    workspace: Workspace = USUAL
     """The cube whose grids it reads."""
 
     def model(self) -> GraspEvaluator:
@@ -45,19 +47,8 @@ def save_evaluator(
     path: Path, model: GraspEvaluator, workspace: Workspace, about: dict[str, Any], half: bool = False
 ) -> None:
     """Writes the weights whole or not at all; `half` stores float16, for shipping."""
-    tensors = {
-        name: (tensor.half() if half else tensor.float()).detach().cpu().contiguous()
-        for name, tensor in model.state_dict().items()
-    }
-    metadata = {
-        "format": FORMAT,
-        "version": str(VERSION),
-        "config": json.dumps({"box": BOX, "widths": model.widths, "hidden": model.hidden}),
-        "workspace": json.dumps(dict(zip(CUBE, workspace.cube, strict=True))),
-        "about": json.dumps(about),
-    }
-    with whole_file(path) as part:
-        save_file(tensors, part, metadata)
+    config = {"box": BOX, "widths": model.widths, "hidden": model.hidden}
+    write_weights(path, FORMAT, model.state_dict(), config, workspace, about, half)
 
 
 def shipped_evaluators() -> dict[str, Path]:
@@ -68,14 +59,7 @@ def shipped_evaluators() -> dict[str, Path]:
 
 def find_evaluator(name_or_path: str | Path) -> Path:
     """The file of a shipped evaluator, by name, or of the user's own; raises `InputError` where none is."""
-    shipped = shipped_evaluators()
-    path = shipped.get(str(name_or_path), Path(name_or_path))
-    if not path.is_file():
-        raise InputError(
-            f"no evaluator {str(name_or_path)!r}: neither a file nor one of the shipped ones "
-            f"({', '.join(shipped) or 'none'})"
-        )
-    return path
+    return named_file(name_or_path, shipped_evaluators(), "evaluator", "ones")
 
 
 def load_evaluator(name_or_path: str | Path) -> EvaluatorFile:
@@ -99,15 +83,5 @@ def load_evaluator(name_or_path: str | Path) -> EvaluatorFile:
         about.data,
         workspace_from(path, metadata),
     )
-    with torch.device("meta"):
-        expected = GraspEvaluator(found.widths, found.hidden).state_dict()
-    if wrong := set(expected) ^ set(tensors):
-        raise InputError(f"{path}: tensors do not fit its configuration: {sorted(wrong)[:3]}")
-    for name, tensor in tensors.items():
-        if tensor.shape != expected[name].shape or tensor.dtype not in FLOATS:
-            raise InputError(
-                f"{path}: tensor {name} is {tensor.dtype} {tuple(tensor.shape)}; it does not fit"
-            )
-        if not torch.isfinite(tensor.float()).all():
-            raise InputError(f"{path}: tensor {name} holds NaN or infinite values; the file is damaged")
+    check_tensors(path, lambda: GraspEvaluator(found.widths, found.hidden), tensors)
     return found

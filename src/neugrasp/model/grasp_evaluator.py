@@ -26,6 +26,8 @@ FINER = 3
 LEVELS = 127
 """Whole numbers of a distance of one truncation: 0.24 mm each, less than a grid knows."""
 NUMBERS = 4
+SIDES = ((False, False), (True, True), (True, False), (False, True))
+"""In which mirrors, across x and y, a grasp is the same: `mirrored`."""
 CHUNK = 40
 """Grasps read at once: so many stay in a core's cache."""
 
@@ -128,8 +130,7 @@ class GraspEvaluator(nn.Module):
 
     def symmetric(self, box: Tensor, of_up: Tensor) -> Tensor:
         """The mean logits (k,) of a grasp and its mirror images, which `forward` has only learned."""
-        sides = [(False, False), (True, True), (True, False), (False, True)]
-        answers = [self(*mirrored(box, of_up, x, y)) for x, y in sides]
+        answers = [self(*mirrored(box, of_up, x, y)) for x, y in SIDES]
         return torch.stack(answers).mean(0)
 
 

@@ -66,17 +66,7 @@ def _detector(run: Predict) -> Detector[Observation]:
     if not spec.observes <= PHOTOS:
         needed = " and ".join(sorted(spec.observes - PHOTOS))
         raise InputError(f"--detector {run.detector}: needs {needed}, and a scene folder holds photos")
-    return spec.load(
-        DetectorOptions(
-            weights=run.weights,
-            gripper=run.gripper,
-            threshold=run.threshold,
-            hand_check=run.hand_check,
-            evaluator=run.evaluator,
-            device=run.device,
-            precision=run.precision,
-        )
-    )
+    return spec.load(DetectorOptions.of(run))
 
 
 def _check(run: Predict, diagnosis: Diagnosis) -> None:

@@ -22,7 +22,7 @@ from neugrasp.geometry.workspace import USUAL, Workspace
 from neugrasp.long_runs import held, source_commit
 from neugrasp.metrics import area_under_roc
 from neugrasp.model.evaluator_file import load_evaluator, save_evaluator
-from neugrasp.model.grasp_evaluator import BOX, FineGrid, GraspEvaluator, boxes, mirrored, numbers
+from neugrasp.model.grasp_evaluator import BOX, SIDES, FineGrid, GraspEvaluator, boxes, mirrored, numbers
 from neugrasp.terminal import next_step
 from neugrasp.training.command import TrainEvaluator
 from neugrasp.training.config import Optimiser
@@ -36,7 +36,6 @@ HELD_OUT = 8
 BINS = 10
 """Of the reliability curve."""
 CLIP = 1.0
-SIDES = ((False, False), (True, True), (True, False), (False, True))
 
 
 @dataclass(frozen=True, kw_only=True)
