@@ -15,10 +15,10 @@ from pathlib import Path
 from over_records import over_records, parser, sets_of
 
 from neugrasp.data.add_distance import add_distance
+from neugrasp.data.world import Scene
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.simulation.mesh_distance import Grid, mesh_distance
 from neugrasp.simulation.objects import ObjectLibrary
-from neugrasp.simulation.scene import Scene
 
 
 def add(folder: Path, sets: tuple[str, ...], objects: Path | None) -> Counter[str] | None:

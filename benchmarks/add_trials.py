@@ -19,6 +19,7 @@ from over_records import over_records, parser, sets_of
 
 from neugrasp.data.records import TRIALS_FILE, read_trials
 from neugrasp.data.trials import joined, trials_to_bytes
+from neugrasp.data.world import scene_from_json
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
@@ -26,7 +27,6 @@ from neugrasp.output import whole_file
 from neugrasp.simulation.grasp_trials import TrialSettings, run_trials
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.scene import scene_from_json
 
 
 @lru_cache(maxsize=1)

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from neugrasp.data.world import Cell, Scene
 from neugrasp.geometry.pose import Array
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
@@ -27,7 +28,6 @@ from neugrasp.simulation.materials import sample_materials
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.renderer import Renderer, RenderSettings
-from neugrasp.simulation.scene import Cell, Scene
 
 FIRST_SEED = 2000
 NUM_INPUTS = 4

@@ -19,13 +19,13 @@ from typing import Literal
 import numpy as np
 import tyro
 
+from neugrasp.data.world import scene_from_json, scene_to_json
 from neugrasp.geometry.view_sets import view_set
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.pictures import free_where_unseen, shade_surface, write_picture
 from neugrasp.simulation.arrange import arrange
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.scene import scene_from_json, scene_to_json
 from neugrasp.simulation.truth import scan
 
 

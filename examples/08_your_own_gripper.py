@@ -21,6 +21,7 @@ import numpy as np
 import tyro
 
 from neugrasp.baselines.antipodal import antipodal_grasp
+from neugrasp.data.world import Body, Scene
 from neugrasp.geometry.view_sets import view_set
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
@@ -28,7 +29,6 @@ from neugrasp.observation import View
 from neugrasp.pictures import draw_grasps, shade_surface, write_picture
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.scene import Body, Scene
 from neugrasp.simulation.trials import execute
 from neugrasp.simulation.truth import scan
 

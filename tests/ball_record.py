@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from neugrasp.data.labels import Labels
+from neugrasp.data.labels import GraspLabels
 from neugrasp.data.records import Record
+from neugrasp.data.world import Body, Material, Scene
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import look_at, to_quaternion
 from neugrasp.geometry.view_sets import hemisphere, view_set
 from neugrasp.geometry.workspace import USUAL, Workspace
-from neugrasp.simulation.scene import Body, Material, Scene
 
 
 def photo(camera: Camera, ball: tuple[np.ndarray, float] | None) -> tuple[np.ndarray, np.ndarray]:
@@ -80,12 +80,12 @@ def ball_record(
     )
 
 
-def ball_labels(ball: tuple[np.ndarray, float], rng: np.random.Generator) -> Labels:
+def ball_labels(ball: tuple[np.ndarray, float], rng: np.random.Generator) -> GraspLabels:
     """Grasps from above succeed at the top of the ball and fail beside it."""
     above = ball[0] + np.array([0, 0, ball[1] + 0.005]) + rng.uniform(-0.004, 0.004, (20, 3))
     beside = ball[0] + np.array([2.5 * ball[1], 0, 0]) + rng.uniform(-0.01, 0.01, (20, 3))
     down = to_quaternion(look_at((0, 0, 1), (0, 0, 0)))
-    return Labels(
+    return GraspLabels(
         points=np.concatenate([above, beside]).astype(np.float32),
         quaternions=np.tile(down, (40, 1)).astype(np.float32),
         widths=np.full(40, 2 * ball[1], dtype=np.float32),

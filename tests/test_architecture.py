@@ -43,8 +43,6 @@ NEIGHBOURS = {
 """(importer, imported) pairs within one layer. Simulation and learning meet in `data` only."""
 FROM_STRANGERS = {"neugrasp.data.user_files", "neugrasp.data.strict_json", "neugrasp.data.fields"}
 """Known to every part: how files and JSON are read. They know the errors and one another, nothing else."""
-PLAIN_SCENE = "neugrasp.simulation.scene"
-"""What `data` may know of the simulation: scenes as plain data."""
 
 
 def part_of(file: Path) -> str:
@@ -78,15 +76,10 @@ def test_imports_go_downwards(file: Path):
         if not module.startswith("neugrasp.") or module in FROM_STRANGERS:
             continue
         other = module.split(".")[1]
-        if other == part or (module == PLAIN_SCENE and part == "data"):
+        if other == part:
             continue
         allowed = level(other) < level(part) or (part, other) in NEIGHBOURS
         assert allowed, f"{file.name} imports {module}"
-
-
-def test_plain_scenes_know_geometry_only():
-    known = {module for module in imports(PACKAGE / "simulation/scene.py") if module.startswith("neugrasp.")}
-    assert {module.split(".")[1] for module in known - FROM_STRANGERS} <= {"errors", "geometry"}
 
 
 @pytest.mark.parametrize("module", sorted(FROM_STRANGERS))

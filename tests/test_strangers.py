@@ -23,9 +23,12 @@ from ball_record import ball_record
 from neugrasp.baselines.vgn import PUBLIC_NAMES, load_vgn_head
 from neugrasp.data.labels import labels_from_bytes, labels_to_bytes
 from neugrasp.data.npz import npz_arrays, npz_bytes
-from neugrasp.data.records import read_record, truth_from_bytes, truth_to_bytes, write_record
-from neugrasp.data.shards import Shards, pack
+from neugrasp.data.packing import pack
+from neugrasp.data.records import read_record, write_record
+from neugrasp.data.shards import Shards
 from neugrasp.data.strict_json import DEEPEST, LARGEST, read_json
+from neugrasp.data.truth_file import truth_from_bytes, truth_to_bytes
+from neugrasp.data.world import scene_from_json, scene_to_json
 from neugrasp.detection.files import read_grasps, write_grasps
 from neugrasp.errors import InputError
 from neugrasp.evaluation.episode import EMPTY, Attempt, Episode, read_episode, write_episode
@@ -41,7 +44,6 @@ from neugrasp.model.network import NeuGrasp
 from neugrasp.simulation.meshes import read_mesh, write_obj
 from neugrasp.simulation.objects import FolderSet
 from neugrasp.simulation.revolution import box
-from neugrasp.simulation.scene import scene_from_json, scene_to_json
 from neugrasp.training.recipes import tiny
 
 PANDA = Gripper.load("panda")
@@ -299,7 +301,7 @@ def test_what_a_shard_says_of_a_record(examples: int, record: Path, tmp_path: Pa
 @many
 def test_arrays(examples: int):
     made = ball_record(size=32)
-    labels, truth = labels_to_bytes(made.labels), truth_to_bytes(made)
+    labels, truth = labels_to_bytes(made.labels), truth_to_bytes(made.truth, made.depths, made.masks)
     fuzz(lambda data: labels_from_bytes(data, "grasps.npz"), damaged_bytes(labels), examples)
     fuzz(lambda data: truth_from_bytes(data, "truth.npz"), damaged_bytes(truth), examples)
 

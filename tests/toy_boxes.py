@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
+from neugrasp.data.world import Body, Material, Scene
 from neugrasp.detection.contract import Detection
 from neugrasp.geometry.pose import from_quaternion, rigid
 from neugrasp.geometry.workspace import Workspace
@@ -14,7 +15,6 @@ from neugrasp.grasp import Grasp, Grasps
 from neugrasp.gripper import Gripper
 from neugrasp.simulation.objects import ObjectModel
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.scene import Body, Material, Scene
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 DOWN = np.diag([1.0, -1.0, -1.0])

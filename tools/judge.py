@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from measured import Meshes, RealScene
+from neugrasp.data.world import Body, Scene
 from neugrasp.evaluation.protocols import protocol_of
 from neugrasp.geometry.pose import Array, apply, from_quaternion
 from neugrasp.geometry.workspace import Workspace
@@ -16,7 +17,6 @@ from neugrasp.gripper import Gripper
 from neugrasp.robot.pick import pick
 from neugrasp.robot.simulated import SimulatedRobot
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.scene import Body, Scene
 from neugrasp.simulation.surface import visible_surface
 
 NUM_POINTS = 60_000

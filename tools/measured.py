@@ -11,13 +11,13 @@ import numpy as np
 from PIL import Image as Picture
 
 from neugrasp.data.scene_folder import read_scene
+from neugrasp.data.world import Body
 from neugrasp.errors import InputError, require
 from neugrasp.geometry.pose import Array, apply, inverse, to_quaternion
 from neugrasp.observation import DepthView, DepthViews, Views
 from neugrasp.simulation.meshes import Mesh, merged, read_obj, write_obj
 from neugrasp.simulation.objects import ObjectModel, triple
 from neugrasp.simulation.quiet import quiet
-from neugrasp.simulation.scene import Body
 
 MASS = 0.1
 """Kilograms; the objects were not weighed."""

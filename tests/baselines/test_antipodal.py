@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from neugrasp.baselines.antipodal import FRICTION_ANGLE, STEEPEST, antipodal_grasp
+from neugrasp.data.world import Body, Scene
 from neugrasp.geometry.pose import Array, is_rigid
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
 from neugrasp.simulation.objects import FolderSet, ObjectLibrary
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.scene import Body, Scene
 from neugrasp.simulation.trials import execute
 from neugrasp.simulation.truth import scan
 

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 from hypothesis import strategies as st
 
-from neugrasp.data.labels import Labels
-from neugrasp.data.records import DEPTH_UNIT, Record, without_photos
+from neugrasp.data.labels import GraspLabels
+from neugrasp.data.records import Record, without_photos
 from neugrasp.data.trials import COLUMNS, State, Trials
+from neugrasp.data.truth_file import DEPTH_UNIT
+from neugrasp.data.world import Body, Material, Scene
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.view_sets import on_sphere
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.simulation.scene import Body, Material, Scene
 
 WORKSPACE = Workspace()
 
@@ -40,7 +41,7 @@ def records(draw: st.DrawFn, name: str = "scene-0") -> Record:
         masks=rng.integers(-1, bodies + 1, (n, size, size)).astype(np.int8),
         tsdf=truths[0],
         observed=rng.random((40, 40, 40)) < 0.7,
-        labels=Labels(
+        labels=GraspLabels(
             rng.uniform(0, 0.3, (k, 3)).astype(np.float32),
             rng.uniform(-1, 1, (k, 4)).astype(np.float32),
             rng.uniform(0, 0.08, k).astype(np.float32),

@@ -19,9 +19,9 @@ from neugrasp.data.add_distance import add_distance
 from neugrasp.data.records import Record, read_record, write_record
 from neugrasp.data.scene_folder import read_scene
 from neugrasp.data.trials import State, Trials
+from neugrasp.data.world import Scene
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.simulation.scene import Scene
 
 FEW = settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 

@@ -15,8 +15,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from record_strategies import assert_same, records, records_without_photos
 
+from neugrasp.data.packing import pack
 from neugrasp.data.records import Record, write_record
-from neugrasp.data.shards import Shards, pack
+from neugrasp.data.shards import Shards
 from neugrasp.errors import InputError
 
 FEW = settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.too_slow])

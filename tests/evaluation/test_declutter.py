@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from neugrasp.data.world import Cell, Scene
 from neugrasp.detection.contract import Detection
 from neugrasp.detection.registry import DEPTH, GROUP, PHOTOS, TRUTH, detector_spec
 from neugrasp.evaluation.declutter import Game, Judgement, declutter
@@ -27,7 +28,6 @@ from neugrasp.robot.simulated import SimulatedRobot
 from neugrasp.robot.simulated_cameras import DepthCamera, PhotoCamera, RgbdCamera, TruthCamera
 from neugrasp.simulation.cell import sample_cell
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.scene import Cell, Scene
 from toy_boxes import AirGrasper, Blind, Boxes, Cheat, box, boxes_scene, detection, grasp_of
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
+from neugrasp.data.world import Body, Material, Scene, scene_to_json
 from neugrasp.errors import InputError
 from neugrasp.evaluation.episode import CRASHED, Episode, write_episode
 from neugrasp.evaluation.failures import Aimed, aimed_grasps, failures_table
 from neugrasp.robot.pick import COLLISION, SLIPPED, SUCCESS
 from neugrasp.simulation.objects import ObjectLibrary
-from neugrasp.simulation.scene import Body, Material, Scene, scene_to_json
 from rounds_by_hand import attempt, played
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)

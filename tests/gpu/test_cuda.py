@@ -12,11 +12,12 @@ import torch
 from ball_record import ball_record
 from neugrasp.data.records import write_record
 from neugrasp.data.scene_folder import read_scene
+from neugrasp.data.scene_sets import SceneFolder
 from neugrasp.demo.bundled import demo_scenes
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.model.network import NeuGrasp
 from neugrasp.training.command import Train
-from neugrasp.training.dataset import Batch, RecordFolder, Scenes, Steps
+from neugrasp.training.dataset import Batch, Scenes, Steps
 from neugrasp.training.module import TrainingModule, neugrasp_losses
 from neugrasp.training.recipes import RECIPES, recipe
 from neugrasp.training.trainer import train
@@ -43,8 +44,8 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def batch(data: Path) -> Batch:
     """The first joint step of the recipe tiny."""
-    records = RecordFolder(data)
-    scenes = Scenes([(records, 0), (records, 1)], 64, finds_changes=True)
+    folder = SceneFolder(data)
+    scenes = Scenes([(folder, 0), (folder, 1)], 64, finds_changes=True)
     config = recipe("tiny")
     return Steps(scenes, config)[config.head_steps]
 

@@ -23,7 +23,7 @@ from neugrasp.training.losses import (
     tsdf_loss,
 )
 from neugrasp.training.recipes import RECIPES, tiny
-from neugrasp.training.samples import GraspLabels
+from neugrasp.training.samples import LabelTensors
 
 META = torch.device("meta")
 MODELS = {name: make().model for name, make in RECIPES.items()} | {"tiny": tiny().model}
@@ -58,7 +58,7 @@ def test_every_term_of_the_loss(views: ViewTensors):
         "photometric": photometric_loss(rendered, rendered.colour, rendered.colour),
         "eikonal": eikonal_loss(reconstruction.sdf, reconstruction.seen, workspace),
         "tsdf": tsdf_loss(reconstruction.sdf, grid, grid.bool()),
-        "grasp": grasp_loss(volume, [GraspLabels(index, quaternions, widths, success)]),
+        "grasp": grasp_loss(volume, [LabelTensors(index, quaternions, widths, success)]),
         "distance": distance_loss(columns, columns, heights, workspace),
         "occupancy": occupancy_loss(columns, columns, heights, workspace),
     }

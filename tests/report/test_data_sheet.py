@@ -11,7 +11,7 @@ from PIL import Image as Picture
 
 from neugrasp import cli
 from neugrasp.data import records
-from neugrasp.data.labels import Labels
+from neugrasp.data.labels import GraspLabels
 from neugrasp.data.records import Record, write_record
 from neugrasp.report.data_sheet import Counts
 
@@ -24,7 +24,7 @@ def labelled(record: Record, *trials: tuple[tuple[float, ...], float, bool]) -> 
     points = np.full((count, 3), 0.15, np.float32)
     return replace(
         record,
-        labels=Labels(
+        labels=GraspLabels(
             points, np.array(quaternions, np.float32), np.array(widths, np.float32), np.array(success)
         ),
     )
@@ -87,5 +87,5 @@ def test_a_folder_without_records_leaves_nothing(tmp_path: Path, capsys: pytest.
     (tmp_path / "empty").mkdir()
     out = tmp_path / "sheet"
     assert cli.main(["datasheet", "--data", str(tmp_path / "empty"), "--out", str(out)]) == 2
-    assert "no records" in capsys.readouterr().err
+    assert "no scenes" in capsys.readouterr().err
     assert not out.exists()

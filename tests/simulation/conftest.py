@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import trimesh
 
+from neugrasp.data.world import Body, Scene
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.simulation.objects import ObjectModel
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.scene import Body, Scene
 
 
 class Toys:

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from neugrasp.data.world import Cell, Scene, scene_to_json
 from neugrasp.simulation.objects import ObjectLibrary
-from neugrasp.simulation.scene import Cell, Scene, scene_to_json
 
 
 class NoisePhotographer:

@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from neugrasp.data.world import Body, Scene
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import from_quaternion
 from neugrasp.simulation.arrange import LAYERS, arrange
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.scene import Body, Scene
 
 CHOICES = [("toys", f"box {x} {y} 0.05") for x in (0.03, 0.04) for y in (0.03, 0.05)]
 

@@ -13,6 +13,7 @@ import pytest
 import trimesh
 from PIL import Image, ImageDraw
 
+from neugrasp.data.world import Body, Cell, Material, Scene
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array, apply, from_quaternion
@@ -23,7 +24,6 @@ from neugrasp.simulation.infrared import infrared_pair, infrared_renderer, infra
 from neugrasp.simulation.materials import sample_materials
 from neugrasp.simulation.objects import ObjectModel
 from neugrasp.simulation.renderer import Renderer
-from neugrasp.simulation.scene import Body, Cell, Material, Scene
 
 pytest.importorskip("bpy")
 pytestmark = pytest.mark.blender

@@ -7,11 +7,11 @@ import json
 import numpy as np
 import pytest
 
+from neugrasp.data.world import Cell, camera_to_dict
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.simulation.blender_frames import SENSOR_WIDTH, facing, lens_of, pixels_inside, upright
 from neugrasp.simulation.cell import HDRIS, LUMINANCE, sample_cell
-from neugrasp.simulation.scene import Cell, camera_to_dict
 
 
 def as_json(cell: Cell) -> str:

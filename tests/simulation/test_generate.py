@@ -23,8 +23,9 @@ import numpy as np
 import pytest
 
 from neugrasp.data.npz import npz_arrays, npz_bytes
-from neugrasp.data.records import TRUTH_ARRAYS, read_record
-from neugrasp.data.shards import pack
+from neugrasp.data.packing import pack
+from neugrasp.data.records import read_record
+from neugrasp.data.truth_file import TRUTH_ARRAYS
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.simulation import generate as generation
 from neugrasp.simulation.command import Generate

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from neugrasp.data.trials import State, Trials
+from neugrasp.data.world import Body, Scene
 from neugrasp.execution import AT_PREGRASP, REASONS, SUCCESS
 from neugrasp.geometry.pose import from_quaternion
 from neugrasp.grasp import Grasp
@@ -21,7 +22,6 @@ from neugrasp.simulation.grasp_trials import (
 from neugrasp.simulation.labels import candidates, label, middle_of_widest_run
 from neugrasp.simulation.mesh_distance import mesh_distance
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.scene import Body, Scene
 from neugrasp.simulation.series import execute_each
 from neugrasp.simulation.trials import execute
 
@@ -60,21 +60,22 @@ def poses_of(trials: Trials) -> np.ndarray:
 def test_the_labels_are_the_best_yaws_of_the_trials(world: World, settled: Scene) -> None:
     world.reset(settled)
     grasps = label(world, np.random.default_rng(0), num_points=10)
+    labels = grasps.labels
     state = State(settled, mesh_distance(settled.bodies, world._library, world.workspace))
     trials = label_trials(grasps.poses, grasps.trials, state, "panda")
     assert len(trials) == 10 * 6
     depth, poses = world.gripper.tcp_depth, poses_of(trials).reshape(10, 6, 4, 4)
     success, widths = trials.success.reshape(10, 6), trials.widths.reshape(10, 6)
-    assert 0 < grasps.success.sum() < 10
+    assert 0 < labels.success.sum() < 10
     for i in range(10):
         best = middle_of_widest_run(success[i].tolist())
-        assert grasps.success[i] == (best is not None)
+        assert labels.success[i] == (best is not None)
         chosen = poses[i, best or 0]
-        labelled = from_quaternion(grasps.quaternion_xyzw[i], grasps.points[i])
+        labelled = from_quaternion(labels.quaternions[i], labels.points[i])
         np.testing.assert_allclose(labelled[:3, :3], chosen[:3, :3], atol=1e-6)
         # A label is a grasp point, a trial a TCP.
         np.testing.assert_allclose(labelled[:3, 3] + depth * chosen[:3, 2], chosen[:3, 3], atol=1e-6)
-        assert grasps.width[i] == widths[i, best or 0]
+        assert labels.widths[i] == widths[i, best or 0]
 
 
 def test_reasons_and_success_say_the_same(world: World, trials: Trials) -> None:

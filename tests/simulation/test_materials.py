@@ -8,10 +8,10 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from neugrasp.data.world import Body, Scene, scene_from_json, scene_to_json
 from neugrasp.errors import InputError
 from neugrasp.simulation.blender_materials import INPUTS, PATTERNS
 from neugrasp.simulation.materials import KINDS, MIXES, sample_material, sample_materials
-from neugrasp.simulation.scene import Body, Scene, scene_from_json, scene_to_json
 from neugrasp.simulation.textures import OBJECT_PATTERNS, SCALES, TABLE_PATTERNS, sample_texture
 
 

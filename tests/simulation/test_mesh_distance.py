@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from neugrasp.data.world import Body
 from neugrasp.geometry.fusion import fuse
 from neugrasp.geometry.pose import Array, apply, from_quaternion, inverse
 from neugrasp.geometry.view_sets import on_sphere
@@ -18,7 +19,6 @@ from neugrasp.simulation.mesh_distance import mesh_distance, union_distance
 from neugrasp.simulation.objects import ObjectModel
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.placed_meshes import placed_triangles
-from neugrasp.simulation.scene import Body
 from neugrasp.simulation.solid import signed_distance, unsigned_distance
 from neugrasp.simulation.truth import scan
 

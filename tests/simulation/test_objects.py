@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
+from neugrasp.data.world import Body
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.simulation import glassware, revolution
 from neugrasp.simulation.meshes import Mesh, merged, read_obj, write_obj
 from neugrasp.simulation.objects import KINDS, FolderSet, ObjectLibrary, PybulletSet, cache_folder
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.scene import Body
 
 HOLLOW = ("tumbler", "bottle", "stemmed", "bowl", "jar")
 NAMES = glassware.GlasswareSet().names("train", "pile")[:14]

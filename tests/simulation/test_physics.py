@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from neugrasp.data.world import Body, Scene
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import from_quaternion, look_at, rigid
 from neugrasp.simulation.physics import TIME_STEP, World
-from neugrasp.simulation.scene import Body, Scene
 
 Toy = Callable[..., Body]
 Lay = Callable[..., Scene]

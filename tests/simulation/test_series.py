@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from neugrasp.data.world import Body, Scene
 from neugrasp.errors import InputError
 from neugrasp.execution import AT_PREGRASP, NOTHING_HELD, ON_APPROACH, SUCCESS
 from neugrasp.geometry.pose import Array, rigid, rotation_about
 from neugrasp.grasp import Grasp
 from neugrasp.simulation.labels import at_tcp, candidates, grasp_poses
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.scene import Body, Scene
 from neugrasp.simulation.series import execute_each
 from neugrasp.simulation.trials import Trial, execute
 

@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from neugrasp.data.world import Body, Scene
 from neugrasp.errors import InputError
 from neugrasp.execution import AT_PREGRASP, NOTHING_HELD, ON_APPROACH, SLIPPED, SUCCESS
 from neugrasp.geometry.pose import from_quaternion, rigid, rotation_about
 from neugrasp.grasp import Grasp
 from neugrasp.simulation.labels import facing, label, middle_of_widest_run
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.scene import Body, Scene
 from neugrasp.simulation.trials import execute
 
 Toy = Callable[..., Body]
@@ -157,17 +157,18 @@ def test_labels_hold_when_they_are_executed(world: World, toy: Toy, lay: Lay) ->
     scene = Scene("packed", 0, world.bodies())
     world.reset(scene)
     before = world.bodies()
-    labels = label(world, np.random.default_rng(0), num_points=24)
+    found = label(world, np.random.default_rng(0), num_points=24)
+    labels = found.labels
     assert world.bodies() == before
     assert len(labels.points) == 24
     assert 3 <= labels.success.sum() < 24
-    assert len(labels.trials) == len(labels.poses) == 24 * 6
+    assert len(found.trials) == len(found.poses) == 24 * 6
     for i in np.flatnonzero(labels.success)[:6]:
         world.reset(scene)
-        pose = from_quaternion(labels.quaternion_xyzw[i], labels.points[i])
+        pose = from_quaternion(labels.quaternions[i], labels.points[i])
         trial = execute(world, Grasp(pose, 0.08).advanced(world.gripper.tcp_depth))
         assert trial.success
-        assert trial.width == pytest.approx(labels.width[i], abs=1e-3)
+        assert trial.width == pytest.approx(labels.widths[i], abs=1e-3)
 
 
 def test_the_same_seed_gives_the_same_labels(world: World, toy: Toy, lay: Lay) -> None:
@@ -176,16 +177,16 @@ def test_the_same_seed_gives_the_same_labels(world: World, toy: Toy, lay: Lay) -
         lay(*clutter(toy))
         found.append(label(world, np.random.default_rng(3), num_points=6))
         execute(world, from_above((0.15, 0.15, 0.11)))
-    for name in ("points", "quaternion_xyzw", "width", "success"):
-        assert np.array_equal(getattr(found[0], name), getattr(found[1], name))
+    for name in ("points", "quaternions", "widths", "success"):
+        assert np.array_equal(getattr(found[0].labels, name), getattr(found[1].labels, name))
     assert found[0].trials == found[1].trials
 
 
 def test_grasp_points_lie_before_visible_surface_and_look_at_it(world: World, toy: Toy, lay: Lay) -> None:
     centre, radius = np.array([0.15, 0.15, TABLE + 0.0305]), 0.03
     lay(toy(f"ball {radius}", tuple(centre.tolist())))
-    labels = label(world, np.random.default_rng(0), num_points=30, num_yaws=1)
-    for point, quaternion in zip(labels.points, labels.quaternion_xyzw, strict=True):
+    labels = label(world, np.random.default_rng(0), num_points=30, num_yaws=1).labels
+    for point, quaternion in zip(labels.points, labels.quaternions, strict=True):
         distance = np.linalg.norm(point - centre) - radius
         assert -0.1 * 0.05 - 1e-3 < distance < 1.1 * 0.05 + 1e-3
         approach = from_quaternion(quaternion)[:3, 2]
@@ -195,9 +196,9 @@ def test_grasp_points_lie_before_visible_surface_and_look_at_it(world: World, to
 
 def test_an_empty_table_has_no_labels(world: World, lay: Lay) -> None:
     lay()
-    labels = label(world, np.random.default_rng(0), num_points=5)
+    labels = label(world, np.random.default_rng(0), num_points=5).labels
     assert labels.points.shape == (0, 3)
-    assert labels.quaternion_xyzw.shape == (0, 4)
+    assert labels.quaternions.shape == (0, 4)
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from neugrasp.data.world import Body
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import look_at
@@ -22,7 +23,6 @@ from neugrasp.simulation.object_urdf import FRICTIONS, MASSES
 from neugrasp.simulation.objects import FolderSet, ObjectLibrary
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.revolution import box
-from neugrasp.simulation.scene import Body
 
 ORIGIN = '<origin xyz="{}" rpy="{}"/>'
 SLANTED = ("0.3 -0.7 1.1", "0.2 0.4 -0.5")

@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from neugrasp.data.packing import pack
 from neugrasp.data.records import write_record
-from neugrasp.data.shards import Shards, pack
+from neugrasp.data.scene_sets import read_records
+from neugrasp.data.shards import Shards
 from neugrasp.data.trials import State
 from neugrasp.execution import SLIPPED
 from neugrasp.simulation.grasp_trials import as_trials
 from neugrasp.simulation.trials import Trial
-from neugrasp.training.dataset import read_records
 
 
 def test_records_are_read_without_their_trials_which_no_loss_reads(make_record, tmp_path):

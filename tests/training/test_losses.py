@@ -21,7 +21,7 @@ from neugrasp.training.losses import (
     tsdf_loss,
 )
 from neugrasp.training.module import imperfect
-from neugrasp.training.samples import GraspLabels
+from neugrasp.training.samples import LabelTensors
 
 
 def test_a_true_distance_has_no_eikonal_loss_and_a_scaled_one_has():
@@ -98,14 +98,14 @@ def test_the_grasp_loss_reads_its_own_voxels():
     rotation = torch.zeros(1, 4, 4, 4, 4)
     rotation[:, 3] = 1.0
     volume = GraspVolume(torch.sigmoid(logits), rotation, torch.full((1, 4, 4, 4), 5.0), logits)
-    labels = GraspLabels(
+    labels = LabelTensors(
         torch.tensor([[1, 2, 3], [3, 0, 1]]),
         torch.tensor([[0.0, 0, 0, 1], [0.0, 0, 0, 1]]),
         torch.tensor([5.0, 0.0]),
         torch.tensor([True, False]),
     )
     assert grasp_loss(volume, [labels]) < 1e-6
-    wrong = GraspLabels(labels.index, labels.quaternions, torch.tensor([7.0, 0.0]), labels.success)
+    wrong = LabelTensors(labels.index, labels.quaternions, torch.tensor([7.0, 0.0]), labels.success)
     assert_close(grasp_loss(volume, [wrong]), torch.tensor(0.04), atol=1e-5, rtol=0)
 
 

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from ball_record import ball_record
+from neugrasp.data.packing import pack
 from neugrasp.data.records import read_record, write_record
 from neugrasp.data.scene_folder import read_scene, write_scene
-from neugrasp.data.shards import Shards, pack
+from neugrasp.data.shards import Shards
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import USUAL, Workspace

@@ -11,7 +11,6 @@ import torch
 from safetensors.torch import load_file
 
 from neugrasp.data.records import write_record
-from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.network import NeuGrasp
 from neugrasp.training.command import Train
 from neugrasp.training.recipes import RECIPES, tiny
@@ -48,11 +47,11 @@ def test_photos_and_backgrounds_drift_apart_in_brightness(make_record):
     record = make_record(x=5.0)
     groups = tuple(
         tuple(PreparedView(view, np.zeros((64, 64), np.int8)) for view in group)
-        for group in crop_views(record, Workspace(), 64)
+        for group in crop_views(record.grasp_scene(), 64)
     )
     ratios = []
     for seed in range(12):
-        views = sample_of(record, groups, Workspace(), np.random.default_rng(seed)).inputs.views
+        views = sample_of(record.grasp_scene(), groups, np.random.default_rng(seed)).inputs.views
         ratios.append(float(views.images.mean() / views.backgrounds.mean()))
     assert max(ratios) - min(ratios) > 0.008
     assert all(abs(ratio - 1) < 0.015 for ratio in ratios)

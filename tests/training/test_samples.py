@@ -8,7 +8,6 @@ from scipy import ndimage
 
 from neugrasp.change import OBJECT, TABLE, change_labels
 from neugrasp.data.records import Record
-from neugrasp.geometry.workspace import Workspace
 from neugrasp.training.samples import PreparedView, Sample, crop_views, drop_views, sample_of
 
 
@@ -16,9 +15,9 @@ def sample(record: Record, size: int = 64, seed: int | None = None) -> Sample:
     """The record as a step sees it, augmented where a seed is given."""
     groups = tuple(
         tuple(PreparedView(view, change_labels(view.image, view.background)) for view in group)
-        for group in crop_views(record, Workspace(), size)
+        for group in crop_views(record.grasp_scene(), size)
     )
-    return sample_of(record, groups, Workspace(), None if seed is None else np.random.default_rng(seed))
+    return sample_of(record.grasp_scene(), groups, None if seed is None else np.random.default_rng(seed))
 
 
 def test_an_augmented_sample_is_the_same_each_time_it_is_made(make_record):

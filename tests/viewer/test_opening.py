@@ -12,12 +12,12 @@ import pytest
 
 from ball_record import ball_record
 from neugrasp.data.records import write_record
+from neugrasp.data.world import Body, Scene
 from neugrasp.errors import InputError
 from neugrasp.evaluation.episode import write_episode
 from neugrasp.geometry.view_sets import view_set
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
-from neugrasp.simulation.scene import Body, Scene
 from neugrasp.viewer.command import Viewer
 from neugrasp.viewer.contents import Contents
 from neugrasp.viewer.drawing import nodes_of

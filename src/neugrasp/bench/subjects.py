@@ -19,7 +19,7 @@ from neugrasp.model.network import NeuGrasp
 from neugrasp.observation import Views
 from neugrasp.training.config import TrainConfig
 from neugrasp.training.recipes import paper, small
-from neugrasp.training.samples import GraspLabels, Photos, Sample, Truth
+from neugrasp.training.samples import LabelTensors, Photos, Sample, Truth
 
 NUM_TARGETS = 2
 """Views that are rendered against, as generated records have them."""
@@ -65,7 +65,7 @@ def training_sample(views: Views, size: int, seed: int) -> Sample:
     inputs = _photos(views, size)
     targets = replace(views, frames=tuple(views.frames[i % len(views)] for i in range(NUM_TARGETS)))
     resolution = views.workspace.resolution
-    labels = GraspLabels(
+    labels = LabelTensors(
         torch.from_numpy(rng.integers(0, resolution, (NUM_GRASPS, 3))),
         torch.nn.functional.normalize(torch.from_numpy(rng.normal(size=(NUM_GRASPS, 4))).float(), dim=1),
         torch.from_numpy(rng.uniform(2, 10, NUM_GRASPS)).float(),

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp.data.npz import npz_arrays, npz_bytes
-from neugrasp.data.records import FILES, TRUTH_ARRAYS, need_files
+from neugrasp.data.records import FILES, need_files
+from neugrasp.data.truth_file import TRUTH_ARRAYS
+from neugrasp.data.world import Scene, scene_from_json
 from neugrasp.output import whole_file
-from neugrasp.simulation.scene import Scene, scene_from_json
 
 
 def add_distance(folder: Path, distance: Callable[[Scene], NDArray[np.float32]]) -> bool:

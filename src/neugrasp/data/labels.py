@@ -1,4 +1,4 @@
-"""Grasps that were executed in simulation, as arrays."""
+"""Grasps that were executed, as arrays: the labels that the grasp head learns from."""
 
 from __future__ import annotations
 
@@ -13,20 +13,22 @@ KINDS = {"points": "f", "quaternions": "f", "widths": "f", "success": "b"}
 
 
 @dataclass(frozen=True)
-class Labels:
-    """Grasps that were executed in simulation, k of them."""
+class GraspLabels:
+    """Grasps that were executed in simulation or by a robot, k of them."""
 
     points: NDArray[np.float32]
     """(k, 3) grasp points in the workspace frame, metres; not the TCP, see docs/conventions.md."""
     quaternions: NDArray[np.float32]
     """(k, 4) `workspace_from_grasp`, xyzw."""
     widths: NDArray[np.float32]
-    """(k,) distance between the closed pads, metres; of a meaning only where the grasp succeeded."""
+    """(k,) opening with the object in hand, metres; it means something only where the grasp succeeded. In
+    simulation about 4 mm more than the object's own width: the engine keeps 1 mm around each of the four
+    surfaces that meet."""
     success: NDArray[np.bool_]
     """(k,)"""
 
 
-def labels_to_bytes(labels: Labels) -> bytes:
+def labels_to_bytes(labels: GraspLabels) -> bytes:
     """Labels as a compressed npz."""
     return npz_bytes(
         points=labels.points.astype(np.float32),
@@ -36,6 +38,6 @@ def labels_to_bytes(labels: Labels) -> bytes:
     )
 
 
-def labels_from_bytes(data: bytes, source: str) -> Labels:
+def labels_from_bytes(data: bytes, source: str) -> GraspLabels:
     """The inverse of `labels_to_bytes`."""
-    return Labels(**npz_arrays(data, KINDS, source))
+    return GraspLabels(**npz_arrays(data, KINDS, source))

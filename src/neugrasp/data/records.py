@@ -20,24 +20,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp.data.fields import Fields
-from neugrasp.data.labels import Labels, labels_from_bytes, labels_to_bytes
-from neugrasp.data.npz import npz_arrays, npz_bytes
+from neugrasp.data.grasp_scene import GraspScene, SceneTruth
+from neugrasp.data.labels import GraspLabels, labels_from_bytes, labels_to_bytes
 from neugrasp.data.scene_folder import read_scene, write_scene
 from neugrasp.data.strict_json import read_json
 from neugrasp.data.trials import Trials, trials_from_bytes, trials_to_bytes
+from neugrasp.data.truth_file import truth_from_bytes, truth_to_bytes
+from neugrasp.data.world import Scene, scene_from_json, scene_to_json
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.observation import View, Views
-from neugrasp.simulation.scene import Scene, scene_from_json, scene_to_json
 
-DEPTH_UNIT = 1e-4
-"""Metres that one step of a stored depth stands for; 0 is no surface."""
 FILES = ("world.json", "cell.json", "truth.npz", "grasps.npz")
 TRIALS_FILE = "trials.npz"
 PHOTO_FILES = ("scene.json", "targets/scene.json")
-TRUTH_ARRAYS = {"tsdf": "f", "observed": "u", "depth": "u", "masks": "i", "distance": "f"}
-"""Arrays of truth.npz and their kinds (`npz_arrays`); older records lack the distance."""
 NO_PHOTOS = np.zeros((0, 0, 0, 3), np.uint8)
 
 
@@ -72,7 +69,7 @@ class Record:
     """The fused TSDF (r, r, r) indexed [x, y, z], in [-1, 1]; -1 where not observed."""
     observed: NDArray[np.bool_]
     """(r, r, r)"""
-    labels: Labels
+    labels: GraspLabels
     distance: NDArray[np.float32] | None = None
     """The mesh distance (r, r, r): Euclidean, in units of the truncation, in [-1, 1], true everywhere.
     None in records of before it was stored."""
@@ -112,6 +109,22 @@ class Record:
         """The views from the hemisphere, for photometric losses. Raises `InputError` where there are none."""
         backgrounds = self.target_backgrounds
         return _views(self.targets, backgrounds, self.target_cameras, workspace or self.workspace)
+
+    @property
+    def truth(self) -> SceneTruth:
+        """Its surface."""
+        return SceneTruth(self.tsdf, self.observed, self.distance)
+
+    def grasp_scene(self) -> GraspScene:
+        """What of it training may know."""
+        return GraspScene(
+            name=self.name,
+            workspace=self.workspace,
+            labels=self.labels,
+            views=self.views() if self.has_photos else None,
+            targets=self.target_views() if len(self.targets) else None,
+            truth=self.truth,
+        )
 
 
 def without_photos() -> dict[str, Any]:
@@ -240,33 +253,6 @@ def check_record(record: Record, source: str) -> None:
             raise InputError(f"{source}: {name} has shape {shape}; it must be {wanted}")
 
 
-def truth_to_bytes(record: Record) -> bytes:
-    """Grids, depths and masks as a compressed npz."""
-    depth = np.where(np.isfinite(record.depths) & (record.depths > 0), record.depths / DEPTH_UNIT, 0)
-    return npz_bytes(
-        tsdf=record.tsdf.astype(np.float16),
-        observed=np.packbits(record.observed),
-        depth=np.clip(np.round(depth), 0, 65535).astype(np.uint16),
-        masks=record.masks.astype(np.int8),
-        **({} if record.distance is None else {"distance": record.distance.astype(np.float16)}),
-    )
-
-
-def truth_from_bytes(data: bytes, source: str) -> dict[str, Any]:
-    """The fields tsdf, observed, depths, masks and distance of a `Record`."""
-    arrays = npz_arrays(data, TRUTH_ARRAYS, source, optional=("distance",))
-    bits = np.unpackbits(arrays["observed"])[: arrays["tsdf"].size].astype(bool)
-    if bits.size != arrays["tsdf"].size:
-        raise InputError(f"{source}: 'observed' has {bits.size} voxels, 'tsdf' {arrays['tsdf'].size}")
-    return {
-        "tsdf": arrays["tsdf"].astype(np.float32),
-        "observed": bits.reshape(arrays["tsdf"].shape),
-        "depths": arrays["depth"].astype(np.float32) * np.float32(DEPTH_UNIT),
-        "masks": arrays["masks"],
-        "distance": arrays["distance"].astype(np.float32) if "distance" in arrays else None,
-    }
-
-
 def _write_files(folder: Path, record: Record) -> None:
     if record.has_photos:
         write_scene(folder, record.views())
@@ -275,7 +261,7 @@ def _write_files(folder: Path, record: Record) -> None:
     (folder / "cell.json").write_text(
         json.dumps(record.cell, indent=1, sort_keys=True) + "\n", encoding="utf-8"
     )
-    (folder / "truth.npz").write_bytes(truth_to_bytes(record))
+    (folder / "truth.npz").write_bytes(truth_to_bytes(record.truth, record.depths, record.masks))
     (folder / "grasps.npz").write_bytes(labels_to_bytes(record.labels))
     if record.trials is not None:
         (folder / TRIALS_FILE).write_bytes(trials_to_bytes(record.trials))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from neugrasp.data.command import Pack
-from neugrasp.data.shards import Shards, pack
+from neugrasp.data.packing import pack
+from neugrasp.data.shards import Shards
 from neugrasp.errors import InputError
 from neugrasp.terminal import next_step
 

@@ -1,6 +1,6 @@
 """Every grasp that was executed in a scene, whatever came of it, and the states of the scene that it met.
 
-`Labels` keep one yaw of a point; an evaluator of grasps learns from all of them.
+`GraspLabels` keep one yaw of a point; an evaluator of grasps learns from all of them.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp.data.npz import Columns, check_columns, npz_arrays, npz_bytes
+from neugrasp.data.world import Scene, scene_from_json, scene_to_json
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import USUAL
-from neugrasp.simulation.scene import Scene, scene_from_json, scene_to_json
 
 COLUMNS: Columns = {
     "positions": (np.float32, (3,)),

@@ -9,9 +9,9 @@ from functools import lru_cache
 from pathlib import Path
 
 from neugrasp import simulation
+from neugrasp.data.world import Cell, camera_to_dict
 from neugrasp.simulation.objects import cache_folder
 from neugrasp.simulation.renderer import RenderSettings
-from neugrasp.simulation.scene import Cell, camera_to_dict
 
 PAINTERS = ("blender*.py", "renderer.py", "textures.py")
 """The files of `simulation` that decide how a table looks."""

@@ -9,11 +9,11 @@ from typing import Any
 
 from neugrasp.data.fields import Fields
 from neugrasp.data.strict_json import read_json
+from neugrasp.data.world import Scene, scene_from_json
 from neugrasp.errors import InputError
 from neugrasp.evaluation.episode import CRASHED, Episode, read_episode
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.simulation.objects import KINDS, ObjectLibrary
-from neugrasp.simulation.scene import Scene, scene_from_json
 
 WORDS = {"detector", "scene", "materials", "strategy", "protocol", "views", "gripper", "split"}
 NEEDED = ("object_sets", "scene", "seed", "views", "gripper", "materials")

@@ -23,6 +23,7 @@ import numpy as np
 from neugrasp.baselines.antipodal import antipodal_grasp
 from neugrasp.data.fields import Fields
 from neugrasp.data.records import Record
+from neugrasp.data.scene_sets import read_records
 from neugrasp.data.strict_json import parse_json
 from neugrasp.detection.ask_head import predict_grasps
 from neugrasp.detection.decode import select_grasps
@@ -42,7 +43,6 @@ from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.trials import execute
 from neugrasp.terminal import next_step
-from neugrasp.training.dataset import read_records
 from neugrasp.training.samples import plain_sample
 from neugrasp.training.validation import validate
 
@@ -226,7 +226,7 @@ def _summarise(records: list[Record], detector: NeuGraspDetector, path: Path) ->
     size = detector.model.config.image_size
     scores = {}
     for material, some in sorted(by_material.items()):
-        samples = [plain_sample(record, record.workspace, size) for record in some]
+        samples = [plain_sample(record.grasp_scene(), size) for record in some]
         means = validate(detector.model, samples, 400.0) | _constants(some)
         # JSON has no NaN: what no record has, such as the AUC of labels that all failed, is null.
         defined = {name: value if math.isfinite(value) else None for name, value in means.items()}

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from neugrasp.data.world import Cell, Scene
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.view_sets import view_set
@@ -23,7 +24,6 @@ from neugrasp.simulation.cell import sample_cell
 from neugrasp.simulation.materials import sample_materials
 from neugrasp.simulation.objects import KINDS, ObjectLibrary
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.scene import Cell, Scene
 
 MAX_ATTEMPTS = 20
 """Arrangements tried before a round is given up; each has its own seed."""

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from PIL import Image as Picture
 
+from neugrasp.data.world import Scene
 from neugrasp.errors import InputError
 from neugrasp.evaluation.cells import background_folder
 from neugrasp.evaluation.commands import Story
@@ -32,7 +33,6 @@ from neugrasp.simulation.cell_photos import Photographer, backgrounds
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.renderer import Renderer, RenderSettings
-from neugrasp.simulation.scene import Scene
 from neugrasp.terminal import next_step
 
 WIDTH = 300

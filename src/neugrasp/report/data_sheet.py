@@ -13,13 +13,13 @@ from PIL import ImageDraw, ImageFont
 from scipy.spatial.transform import Rotation
 
 from neugrasp.data.records import Record
+from neugrasp.data.scene_sets import open_scenes
 from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.observation import Image
 from neugrasp.pictures import Tile, contact_sheet, write_picture
 from neugrasp.progress import counted
 from neugrasp.report.command import DataSheet
 from neugrasp.terminal import next_step
-from neugrasp.training.dataset import open_records
 
 TEXT, SCENES, BALANCE = "data_sheet.md", "scenes.jpg", "balance.png"
 NUM_SCENES = 3
@@ -97,7 +97,7 @@ def write_data_sheet(folders: Sequence[Path], out: Path) -> Path:
         for folder in folders:
             mine = counts.setdefault(_name(folder, counts), Counts())
             shown = 0
-            records = open_records(folder)
+            records = open_scenes(folder)
             for index in counted(range(len(records)), "scenes"):
                 record = records.read(index, trials=False)
                 mine.add(record)

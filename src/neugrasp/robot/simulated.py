@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from neugrasp.data.world import Body, Material, Scene
 from neugrasp.geometry.pose import Array
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.scene import Body, Material, Scene
 
 
 class SimulatedRobot:

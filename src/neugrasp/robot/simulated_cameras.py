@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from neugrasp.data.world import Body, Cell
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.fusion import Tsdf
 from neugrasp.geometry.workspace import Workspace
@@ -16,7 +17,6 @@ from neugrasp.robot.simulated import SimulatedRobot
 from neugrasp.simulation.cell_photos import Photographer, Photos
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.scene import Body, Cell
 from neugrasp.simulation.truth import scan
 
 Depth = NDArray[np.float32]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from neugrasp.baselines.stereo_matching import Grey, StereoConfig, stereo_depth
+from neugrasp.data.world import Cell
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.observation import DepthView, DepthViews
@@ -15,7 +16,6 @@ from neugrasp.robot.simulated import SimulatedRobot
 from neugrasp.simulation.cell_photos import Photographer
 from neugrasp.simulation.infrared import infrared_pair, infrared_sensor
 from neugrasp.simulation.objects import ObjectLibrary
-from neugrasp.simulation.scene import Cell
 
 SCALE = 0.5
 """Pixels of the infrared images for each of the sensor's: half of them measure a table to a millimetre."""

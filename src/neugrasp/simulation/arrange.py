@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from neugrasp.data.world import Body, Scene
 from neugrasp.errors import InputError
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.scene import Body, Scene
 
 Choices = Sequence[tuple[str, str]]
 """(object_set, name) of the objects to draw from."""

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from neugrasp.data.world import camera_from_dict
 from neugrasp.errors import require
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array, from_quaternion, rigid
@@ -31,7 +32,6 @@ from neugrasp.simulation.blender_frames import (
 from neugrasp.simulation.blender_materials import material_nodes, surface_nodes, world_nodes
 from neugrasp.simulation.blender_projector import pattern_image, projector_nodes
 from neugrasp.simulation.meshes import merged, read_obj
-from neugrasp.simulation.scene import camera_from_dict
 
 SHARP_EDGE = np.deg2rad(40)
 """Edges sharper than this stay edges; flatter ones are shaded smooth."""

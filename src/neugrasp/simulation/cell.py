@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from neugrasp.data.world import Cell
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.view_sets import hemisphere, view_set
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.simulation.scene import Cell
 from neugrasp.simulation.textures import TABLE_PATTERNS, Texture, sample_texture
 
 HDRIS: dict[str, tuple[str, ...]] = {

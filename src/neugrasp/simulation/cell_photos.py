@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from PIL import Image as Picture
 
 from neugrasp.data.scene_folder import read_image
+from neugrasp.data.world import Cell, Scene, camera_to_dict
 from neugrasp.errors import NeuGraspError
 from neugrasp.simulation.objects import ObjectLibrary
-from neugrasp.simulation.scene import Cell, Scene, camera_to_dict
 
 Photos = NDArray[np.uint8]
 """(n, s, s, 3)"""

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from neugrasp.data.trials import State, Trials, joined
+from neugrasp.data.world import Scene
 from neugrasp.execution import AT_PREGRASP, REASONS
 from neugrasp.geometry.pose import Array, rotation_about
 from neugrasp.simulation.labels import candidates, grasp_poses
 from neugrasp.simulation.mesh_distance import Library, mesh_distance
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.scene import Scene
 from neugrasp.simulation.series import execute_each
 from neugrasp.simulation.trials import Trial
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from neugrasp.data.world import Cell
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import rigid
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.simulation.renderer import Renderer, RenderSettings
-from neugrasp.simulation.scene import Cell
 
 AMBIENT = 0.035
 """Share of the room's light that the sensor's filter lets through."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from neugrasp.data.labels import GraspLabels
 from neugrasp.geometry.pose import Array, rigid, rotation_about, to_quaternion
 from neugrasp.gripper import Gripper
 from neugrasp.simulation.physics import World
@@ -25,18 +25,12 @@ DEPTH_SLACK = 0.1
 
 
 @dataclass(frozen=True)
-class GraspLabels:
-    """Grasp points of a scene, and whether any yaw succeeds there."""
+class Labelling:
+    """The labels of a scene, and everything that was tried for them."""
 
-    points: NDArray[np.float32]
-    """(n, 3) grasp points, workspace frame, metres. The TCP lies `tcp_depth` further along the approach."""
-    quaternion_xyzw: NDArray[np.float32]
-    """(n, 4) orientation: the middle of the widest run of successful yaws; the first yaw where none is."""
-    width: NDArray[np.float32]
-    """(n,) opening with the object in hand, metres; the largest opening where no yaw succeeds. About 4 mm
-    more than the object's own width: the engine keeps 1 mm around each of the four surfaces that meet."""
-    success: NDArray[np.bool_]
-    """(n,)"""
+    labels: GraspLabels
+    """n grasp points, and whether any yaw succeeds there. The orientation is the middle of the widest run of
+    successful yaws, with its width; where none succeeds, that of the first yaw, with the largest opening."""
     poses: Array
     """(n num_yaws, 4, 4) all that was tried, workspace frame, at the TCP: yaw by yaw, point by point."""
     trials: tuple[Trial, ...]
@@ -49,7 +43,7 @@ def label(
     num_points: int = 120,
     num_yaws: int = 6,
     rule: str = "paper",
-) -> GraspLabels:
+) -> Labelling:
     """Tries `num_yaws` grasps at each of `num_points` points; the world is afterwards as it was before.
 
     The yaws are k pi / num_yaws: all distinct, since a turn by pi gives the same grasp (the reference's
@@ -68,14 +62,13 @@ def label(
         quaternions.append(to_quaternion(at_point[chosen]))
         widths.append(tried[chosen].width)
         successes.append(best is not None)
-    return GraspLabels(
+    labels = GraspLabels(
         np.array(points, dtype=np.float32).reshape(-1, 3),
         np.array(quaternions, dtype=np.float32).reshape(-1, 4),
         np.array(widths, dtype=np.float32),
         np.array(successes, dtype=np.bool_),
-        executed,
-        tuple(outcomes),
     )
+    return Labelling(labels, executed, tuple(outcomes))
 
 
 def grasp_poses(points: Array, rotations: Array, num_yaws: int) -> Array:

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from neugrasp.data.world import Material, Scene
 from neugrasp.errors import InputError
-from neugrasp.simulation.scene import Material, Scene
 from neugrasp.simulation.textures import OBJECT_PATTERNS, colour, sample_texture, wood_colours
 
 Parameters = dict[str, Any]

@@ -13,11 +13,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from neugrasp.data.world import Body
 from neugrasp.geometry.pose import Array
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.simulation.objects import ObjectModel
 from neugrasp.simulation.placed_meshes import placed_triangles
-from neugrasp.simulation.scene import Body
 from neugrasp.simulation.solid import box_distance, signed_distance
 
 Grid = NDArray[np.float32]

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from neugrasp.data.world import Body, Scene
 from neugrasp.errors import InputError, require
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array
@@ -25,7 +26,6 @@ from neugrasp.simulation.frozen import Freezer
 from neugrasp.simulation.hand import Hand
 from neugrasp.simulation.placed import Placed
 from neugrasp.simulation.quiet import quiet
-from neugrasp.simulation.scene import Body, Scene
 from neugrasp.simulation.urdf import write_gripper, write_object
 
 if TYPE_CHECKING:

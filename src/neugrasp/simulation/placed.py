@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from neugrasp.data.world import Body
 from neugrasp.geometry.pose import Array, from_quaternion
-from neugrasp.simulation.scene import Body
 
 Placing = tuple[Array, tuple[float, float, float, float]]
 """Position (3,) of the centre of mass, metres, and quaternion xyzw of the frame of the inertia."""

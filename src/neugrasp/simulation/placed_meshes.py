@@ -5,10 +5,10 @@ from __future__ import annotations
 from functools import lru_cache
 from pathlib import Path
 
+from neugrasp.data.world import Body
 from neugrasp.geometry.pose import Array, apply, from_quaternion
 from neugrasp.simulation.meshes import Mesh, merged, read_obj
 from neugrasp.simulation.objects import ObjectModel
-from neugrasp.simulation.scene import Body
 
 
 def placed_triangles(body: Body, model: ObjectModel) -> Array:

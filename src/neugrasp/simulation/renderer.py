@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from neugrasp.data.world import Cell, Scene, camera_to_dict
 from neugrasp.errors import InputError, MissingExtra, NeuGraspError
-from neugrasp.simulation.scene import Cell, Scene, camera_to_dict
 
 log = logging.getLogger(__name__)
 

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from neugrasp.data.labels import Labels
 from neugrasp.data.records import Record, without_photos, write_record
 from neugrasp.data.trials import State
+from neugrasp.data.world import Cell, Scene
 from neugrasp.errors import InputError, NeuGraspError, WriteError
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
@@ -24,12 +24,11 @@ from neugrasp.simulation.cell import sample_cell
 from neugrasp.simulation.cell_photos import Photographer, backgrounds
 from neugrasp.simulation.command import Generate
 from neugrasp.simulation.grasp_trials import label_trials
-from neugrasp.simulation.labels import GraspLabels, label
+from neugrasp.simulation.labels import label
 from neugrasp.simulation.materials import sample_materials
 from neugrasp.simulation.mesh_distance import mesh_distance
 from neugrasp.simulation.objects import KINDS, ObjectLibrary
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.scene import Cell, Scene
 from neugrasp.simulation.truth import scan
 
 TARGETS_PER_CELL = 4
@@ -75,7 +74,7 @@ class Studio:
             **self._seen(index, scene),
             tsdf=tsdf.values,
             observed=tsdf.observed,
-            labels=_labels(grasps),
+            labels=grasps.labels,
             distance=distance,
             trials=label_trials(
                 grasps.poses,
@@ -168,12 +167,3 @@ class Studio:
         start = time.perf_counter()
         yield
         self.seconds[stage] += time.perf_counter() - start
-
-
-def _labels(grasps: GraspLabels) -> Labels:
-    return Labels(
-        np.asarray(grasps.points, dtype=np.float32),
-        np.asarray(grasps.quaternion_xyzw, dtype=np.float32),
-        np.asarray(grasps.width, dtype=np.float32),
-        np.asarray(grasps.success, dtype=bool),
-    )

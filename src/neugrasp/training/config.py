@@ -106,6 +106,20 @@ class TrainConfig:
     checkpoint_every: int = 100
     validate_every: int = 2000
     validation_scenes: int = 8
+    last_held_out: float = 0.0
+    """Share of the scenes of every folder, the last ones, that is kept aside where no folder is given for
+    validation; 0: every twentieth."""
+    patience: int = 0
+    """Validations without a lower grasp loss after which training ends; the weights are those of the lowest.
+    0: train to the end, and ship its weights."""
+
+    @property
+    def needs_truth(self) -> bool:
+        """Whether a step asks for grids that only a simulator knows."""
+        weights = self.weights
+        return bool(
+            self.head_steps or weights.rehearsal or weights.tsdf or weights.distance or weights.occupancy
+        )
 
     def learning_rate_at(self, step: int) -> float:
         """Falls within each stage, never below a hundredth of its start."""

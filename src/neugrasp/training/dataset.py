@@ -4,100 +4,35 @@ from __future__ import annotations
 
 import hashlib
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
 from torch.utils.data import DataLoader, Dataset
 
 from neugrasp.change import change_labels
-from neugrasp.data.records import PhotosWanted, Record, read_record
-from neugrasp.data.shards import INDEX, Shards
+from neugrasp.data.grasp_scene import GraspScene
+from neugrasp.data.records import PhotosWanted
+from neugrasp.data.scene_sets import SceneSet
 from neugrasp.errors import InputError
 from neugrasp.geometry.symmetry import Symmetry
 from neugrasp.geometry.workspace import USUAL
 from neugrasp.observation import View
 from neugrasp.training.config import TrainConfig
-from neugrasp.training.samples import PreparedView, Sample, Truth, crop_views, sample_of, truth_of
-
-
-class Records(Protocol):
-    """Random access to the records of a folder."""
-
-    def __len__(self) -> int: ...
-
-    def read(self, index: int, photos: PhotosWanted = "all", trials: bool = True) -> Record:
-        """A record, with what of photos and trials is wanted."""
-        ...
-
-    def has_photos(self, index: int) -> bool:
-        """Whether a record has photos, without reading it."""
-        ...
-
-    def identity(self) -> str:
-        """A hash that changes when scenes are added, removed or made anew."""
-        ...
-
-
-class RecordFolder:
-    """What `neugrasp generate` wrote."""
-
-    def __init__(self, folder: Path):
-        """Raises `InputError` where there are no records."""
-        found = sorted(folder.rglob("grasps.npz"))
-        self.folders = [path.parent for path in found if ".tmp" not in str(path)]
-        if not self.folders:
-            raise InputError(f"{folder}: no records; `neugrasp generate` makes some")
-
-    def __len__(self) -> int:
-        return len(self.folders)
-
-    def read(self, index: int, photos: PhotosWanted = "all", trials: bool = True) -> Record:
-        """A record, with what of photos and trials is wanted."""
-        return read_record(self.folders[index], photos, trials)
-
-    def has_photos(self, index: int) -> bool:
-        """Whether a record has photos, without reading it."""
-        return (self.folders[index] / "scene.json").is_file()
-
-    def identity(self) -> str:
-        """A hash that changes when scenes are added, removed or made anew."""
-        facts = [
-            (folder.name, [(folder / name).stat().st_size for name in ("truth.npz", "grasps.npz")])
-            for folder in self.folders
-        ]
-        return hashlib.sha256(repr(facts).encode()).hexdigest()
-
-
-def open_records(folder: Path) -> Records:
-    """The records in a folder of shards, or in one that `neugrasp generate` wrote.
-
-    Raises `InputError` where there are none.
-    """
-    return Shards(folder) if (folder / INDEX).is_file() else RecordFolder(folder)
-
-
-def read_records(folder: Path) -> Iterator[Record]:
-    """Every record in a folder, one after the other, without its trials, which no loss reads.
-
-    Raises `InputError` where one is damaged.
-    """
-    records = open_records(folder)
-    return (records.read(index, trials=False) for index in range(len(records)))
+from neugrasp.training.samples import PreparedView, Sample, Truth, crop_views, lent, sample_of, truth_of
 
 
 class Scenes:
-    """Some records of several folders, prepared for the network each time they are asked for.
+    """Some scenes of several folders, prepared for the network each time they are asked for.
 
     Only labels of what changed in photos stay in memory, packed: they are slow to find.
     """
 
     def __init__(
         self,
-        places: Sequence[tuple[Records, int]],
+        places: Sequence[tuple[SceneSet, int]],
         size: int,
         finds_changes: bool,
         reads_targets: bool = True,
@@ -110,8 +45,10 @@ class Scenes:
         """Whether `change_labels` of the photos are wanted; else all are UNSURE."""
         self.reads_targets = reads_targets
         """Whether the views that losses compare with are wanted; else there are none."""
-        self.photographed = tuple(i for i, (records, at) in enumerate(self.places) if records.has_photos(at))
+        self.photographed = tuple(i for i, (sets, at) in enumerate(self.places) if sets.has_photos(at))
         """Indices of the scenes with photos."""
+        self.known = tuple(i for i, (sets, at) in enumerate(self.places) if sets.has_truth(at))
+        """Indices of the scenes whose surface is known."""
         self.workspace = self._read(0, "none").workspace if self.places else USUAL
         """The cube of all scenes."""
         self._changes: dict[tuple[int, int], bytes] = {}
@@ -121,25 +58,25 @@ class Scenes:
 
     def sample(self, index: int, rng: np.random.Generator | None) -> Sample:
         """A scene with photos as a step sees it: augmented with a generator, as it stands without one."""
-        record = self._read(index, "all" if self.reads_targets else "inputs")
-        inputs, targets = crop_views(record, self.workspace, self.size)
+        scene = self._read(index, "all" if self.reads_targets else "inputs")
+        inputs, targets = crop_views(scene, self.size)
         prepared = [self._prepared(index, place, view) for place, view in enumerate((*inputs, *targets))]
         groups = tuple(prepared[: len(inputs)]), tuple(prepared[len(inputs) :])
-        return sample_of(record, groups, self.workspace, rng)
+        return sample_of(scene, groups if targets or not self.reads_targets else lent(groups[0], rng), rng)
 
     def truth(self, index: int, symmetry: Symmetry) -> Truth:
         """Labels and grids of a scene, moved by a symmetry."""
-        return truth_of(self._read(index, "none"), symmetry, self.workspace)
+        return truth_of(self._read(index, "none"), symmetry)
 
-    def _read(self, index: int, photos: PhotosWanted) -> Record:
-        records, at = self.places[index]
-        record = records.read(at, photos, trials=False)
-        if index and record.workspace.cube != self.workspace.cube:
+    def _read(self, index: int, photos: PhotosWanted) -> GraspScene:
+        sets, at = self.places[index]
+        scene = sets.scene(at, photos)
+        if index and scene.workspace.cube != self.workspace.cube:
             raise InputError(
-                f"{record.name}: is about {record.workspace.describe()}; the first scene is about "
+                f"{scene.name}: is about {scene.workspace.describe()}; the first scene is about "
                 f"{self.workspace.describe()}, and a network learns one"
             )
-        return record
+        return scene
 
     def _prepared(self, index: int, place: int, view: View) -> PreparedView:
         if not self.finds_changes:
@@ -154,10 +91,10 @@ class Scenes:
 def identity_of(scenes: Scenes) -> str:
     """A hash of the scenes of a run, in their order."""
     hashes: dict[int, str] = {}
-    for records, _ in scenes.places:
-        if id(records) not in hashes:
-            hashes[id(records)] = records.identity()
-    facts = [(hashes[id(records)], index) for records, index in scenes.places]
+    for sets, _ in scenes.places:
+        if id(sets) not in hashes:
+            hashes[id(sets)] = sets.identity()
+    facts = [(hashes[id(sets)], index) for sets, index in scenes.places]
     return hashlib.sha256(repr(facts).encode()).hexdigest()
 
 
@@ -216,7 +153,8 @@ class Steps(Dataset[Batch]):
 
     def _truth(self, place: int) -> Truth:
         symmetry = Symmetry.random(np.random.default_rng([self.config.seed, 3, place]))
-        return self.scenes.truth(self._index(place, len(self.scenes)), symmetry)
+        known = self.scenes.known
+        return self.scenes.truth(known[self._index(place, len(known))], symmetry)
 
 
 def loader(steps: Steps, first: int, last: int, workers: int) -> DataLoader[Batch]:

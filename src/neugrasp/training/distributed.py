@@ -33,6 +33,14 @@ class Ranks:
         # The head's stage leaves the rest of the network without gradients.
         return DistributedDataParallel(module, find_unused_parameters=True)
 
+    def agree(self, decided: bool) -> bool:
+        """What the first process decided, in all of them."""
+        if self.count == 1:
+            return decided
+        decision = torch.tensor([int(decided)], device=self.device)
+        torch.distributed.broadcast(decision, src=0)
+        return bool(decision.item())
+
 
 @contextmanager
 def joined_ranks(device: str) -> Iterator[Ranks]:

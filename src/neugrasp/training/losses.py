@@ -11,7 +11,7 @@ from neugrasp.geometry.sampling import sample_volume
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.grasp_head import GraspVolume, half_turned
 from neugrasp.model.rendering import Rays, Rendered
-from neugrasp.training.samples import GraspLabels
+from neugrasp.training.samples import LabelTensors
 
 CARVING_CLEARANCE = 0.006
 """Metres above the table from which on opacity counts as an object's."""
@@ -120,7 +120,7 @@ def _near_surface_mean(error: Tensor, truth: Tensor, heights: Tensor, workspace:
     return (weights * error).sum() / weights.sum().clamp(min=1)
 
 
-def grasp_loss(volume: GraspVolume, labels: list[GraspLabels]) -> Tensor:
+def grasp_loss(volume: GraspVolume, labels: list[LabelTensors]) -> Tensor:
     """Cross-entropy of the quality, plus rotation and 0.01 width^2 where a grasp succeeded (method.md C).
 
     One entry of `labels` for each grid of the volume. Successes and failures count half each, whatever
@@ -129,7 +129,7 @@ def grasp_loss(volume: GraspVolume, labels: list[GraspLabels]) -> Tensor:
     return torch.stack([_grasp_loss_of(volume, index, one) for index, one in enumerate(labels)]).mean()
 
 
-def _grasp_loss_of(volume: GraspVolume, grid: int, labels: GraspLabels) -> Tensor:
+def _grasp_loss_of(volume: GraspVolume, grid: int, labels: LabelTensors) -> Tensor:
     x, y, z = labels.index.unbind(1)
     logits = volume.logits[grid, x, y, z]
     success = labels.success

@@ -10,7 +10,6 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from neugrasp.change import TABLE
-from neugrasp.errors import InputError
 from neugrasp.model.field import EncodedViews
 from neugrasp.model.network import NeuGrasp, Reconstruction
 from neugrasp.model.rendering import Rays, cut_to_workspace
@@ -103,7 +102,9 @@ def head_loss(
 
     `from_meshes` takes the distance to the meshes where a scene has it, as `distance_loss` does.
     """
-    grids = [truth.distance if from_meshes and truth.distance is not None else truth.tsdf for truth in truths]
+    grids = [
+        truth.needed("distance" if from_meshes and truth.distance is not None else "tsdf") for truth in truths
+    ]
     volume = model.head(torch.stack([imperfect(grid, generator) for grid in grids]))
     return grasp_loss(volume, [truth.labels for truth in truths])
 
@@ -150,7 +151,9 @@ def joint_losses(
     if weights.eikonal:
         losses["eikonal"] = eikonal_loss(reconstruction.sdf, reconstruction.seen, model.workspace)
     if weights.tsdf:
-        losses["tsdf"] = tsdf_loss(reconstruction.sdf, sample.truth.tsdf, sample.truth.observed)
+        losses["tsdf"] = tsdf_loss(
+            reconstruction.sdf, sample.truth.needed("tsdf"), sample.truth.needed("observed")
+        )
     if weights.distance or weights.occupancy:
         losses |= _geometry_losses(model, scene, None, sample.truth, sdf.flatten(0, 1))
     steepness = model.sharpness(sharpness)
@@ -169,13 +172,8 @@ def _geometry_losses(
     model: NeuGrasp, scene: EncodedViews, columns: Tensor | None, truth: Truth, sdf: Tensor | None = None
 ) -> Losses:
     """Geometry supervision at some columns of voxels, or at all."""
-    if truth.distance is None:
-        raise InputError(
-            "geometry supervision needs the distance to the meshes, which these scenes do not hold; "
-            "benchmarks/add_distance.py adds it"
-        )
     sdf = model.sdf_columns(scene, columns) if sdf is None else sdf
-    distance = truth.distance.flatten(0, 1)
+    distance = truth.needed("distance").flatten(0, 1)
     distance = distance if columns is None else distance[columns]
     heights = scene.centres[: model.workspace.resolution, 2]
     return {

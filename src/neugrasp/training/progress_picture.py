@@ -22,12 +22,13 @@ TILE = 320
 def save_progress_picture(path: Path, model: NeuGrasp, sample: Sample, sharpness: float) -> None:
     """A held-out view as photographed, as rendered and with what changed in it; true and predicted slices.
 
-    Where the run has no target views, without the first three.
+    Where the run has no target views, without the first three; where the surface is not known, without it.
     """
     reconstruction, volume = reconstruct(model, sample)
     workspace = model.workspace
-    truth, tsdf = sample.truth.tsdf.numpy(), reconstruction.tsdf.cpu().numpy()
-    slice_at = busiest_slice(truth, workspace)
+    tsdf = reconstruction.tsdf.cpu().numpy()
+    truth = None if sample.truth.tsdf is None else sample.truth.tsdf.numpy()
+    slice_at = busiest_slice(tsdf if truth is None else truth, workspace)
     quality = np.rot90(volume.quality[0].max(dim=1).values.cpu().numpy())
     tiles = []
     if len(sample.targets.changes):
@@ -37,8 +38,9 @@ def save_progress_picture(path: Path, model: NeuGrasp, sample: Sample, sharpness
             Tile(_bytes(image), "rendered"),
             Tile(_changes(sample.targets.changes[0].numpy()), "object white, unsure grey"),
         ]
+    if truth is not None:
+        tiles.append(Tile(slice_picture(truth, workspace, index=slice_at, size=TILE), "true TSDF"))
     tiles += [
-        Tile(slice_picture(truth, workspace, index=slice_at, size=TILE), "true TSDF"),
         Tile(slice_picture(tsdf, workspace, index=slice_at, size=TILE), "predicted TSDF"),
         Tile(_bytes(np.repeat(quality[..., None], 3, axis=2)), "best grasp quality, from the side"),
     ]

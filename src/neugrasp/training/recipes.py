@@ -81,6 +81,16 @@ def sim() -> TrainConfig:
     return replace(geometry(), weights=weights, columns=0)
 
 
+def adapt() -> TrainConfig:
+    """NeuGrasp-RA: goes on (`--init`) with scenes of one cell, from photos and tried grasps alone, until the
+    grasps of its last scenes are not told any better."""
+    weights = replace(small().weights, rehearsal=0.0)
+    return replace(
+        longer(), weights=weights, steps=2_000, optimiser=replace(small().optimiser, learning_rate=2e-4),
+        sharpness=(300.0, 300.0), validate_every=100, validation_scenes=20, last_held_out=0.2, patience=5,
+    )  # fmt: skip
+
+
 def without_attention() -> TrainConfig:
     """Ablation "w/o f_attn" of `small`."""
     return replace(small(), model=replace(_small_model(), use_residual_attention=False))
@@ -127,6 +137,7 @@ RECIPES: dict[str, Callable[[], TrainConfig]] = {
     "tsdf": tsdf,
     "geometry": geometry,
     "sim": sim,
+    "adapt": adapt,
     "without-attention": without_attention,
     "without-occupancy": without_occupancy,
     "without-backgrounds": without_backgrounds,
@@ -144,6 +155,10 @@ def recipe(name: str) -> TrainConfig:
 def configured(run: Train) -> TrainConfig:
     """The recipe with the run's facts in it."""
     config = replace(recipe(run.recipe), seed=run.seed)
+    if config.patience and not run.init:
+        raise InputError(
+            f"recipe {run.recipe} goes on from trained weights; name them, as in --init neugrasp"
+        )
     if run.precision != "recipe":
         config = replace(config, bfloat16=run.precision == "bfloat16")
     if run.init and config.steps > config.head_steps:

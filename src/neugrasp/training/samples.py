@@ -1,24 +1,36 @@
-"""Records -> training samples: one of the eight symmetries of the workspace, jitter, a choice of views."""
+"""Scenes -> training samples: one of the eight symmetries of the workspace, jitter, a choice of views."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from neugrasp.data.records import Record
+from neugrasp.data.grasp_scene import GraspScene
+from neugrasp.errors import InputError
 from neugrasp.geometry.sampling import CameraTensors
 from neugrasp.geometry.symmetry import Symmetry
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.inputs import ViewTensors, crop_view, to_tensor
 from neugrasp.observation import View, Views
 
+ONLY_SIMULATED = "only scenes of `neugrasp generate` have one; the recipe adapt learns without"
+HINTS = {
+    "tsdf": ONLY_SIMULATED,
+    "observed": ONLY_SIMULATED,
+    "distance": "benchmarks/add_distance.py adds it to scenes of the simulator",
+}
+"""What helps where a grid is missing."""
+FEWEST_IN_GROUPS = 6
+"""Views of a scene from which on they are two groups; a group of fewer than 3 sees too little."""
+
 
 @dataclass(frozen=True)
-class GraspLabels:
-    """Trials of one scene, as the loss reads them."""
+class LabelTensors:
+    """`GraspLabels` of one scene, as the loss reads them."""
 
     index: Tensor
     """(p, 3) voxel of the grasp point."""
@@ -29,28 +41,37 @@ class GraspLabels:
     success: Tensor
     """(p,) bool."""
 
-    def to(self, device: torch.device | str) -> GraspLabels:
+    def to(self, device: torch.device | str) -> LabelTensors:
         """The same labels on another device."""
         tensors = (self.index, self.quaternions, self.widths, self.success)
-        return GraspLabels(*(tensor.to(device) for tensor in tensors))
+        return LabelTensors(*(tensor.to(device) for tensor in tensors))
 
 
 @dataclass(frozen=True)
 class Truth:
-    """What the simulator knows of a scene."""
+    """What came of grasps in a scene, and what a simulator knows of its surface; else there are no grids."""
 
-    labels: GraspLabels
-    tsdf: Tensor
+    labels: LabelTensors
+    tsdf: Tensor | None = None
     """(r, r, r); for the head's stage, the control recipe and validation. No other loss reads it."""
-    observed: Tensor
+    observed: Tensor | None = None
     """(r, r, r) bool."""
     distance: Tensor | None = None
-    """(r, r, r) signed distance of the meshes, where the record has it: what geometry supervision reads."""
+    """(r, r, r) signed distance of the meshes: what geometry supervision reads."""
+
+    def needed(self, name: Literal["tsdf", "observed", "distance"]) -> Tensor:
+        """A grid (r, r, r) that a loss cannot do without. Raises `InputError` where the scene lacks it."""
+        grid: Tensor | None = getattr(self, name)
+        if grid is None:
+            raise InputError(
+                f"a scene lacks the grid {name!r}, which a loss of this recipe compares with; {HINTS[name]}"
+            )
+        return grid
 
     def to(self, device: torch.device | str) -> Truth:
         """The same truth on another device."""
-        distance = None if self.distance is None else self.distance.to(device)
-        return Truth(self.labels.to(device), self.tsdf.to(device), self.observed.to(device), distance)
+        grids = (self.tsdf, self.observed, self.distance)
+        return Truth(self.labels.to(device), *(None if grid is None else grid.to(device) for grid in grids))
 
 
 @dataclass(frozen=True)
@@ -90,52 +111,71 @@ class PreparedView:
     """(s, s) int8 of `change_labels`."""
 
 
-def crop_views(record: Record, workspace: Workspace, size: int) -> tuple[tuple[View, ...], tuple[View, ...]]:
-    """Inputs and targets of a record, cropped to the workspace at size x size."""
+def crop_views(scene: GraspScene, size: int) -> tuple[tuple[View, ...], tuple[View, ...]]:
+    """Inputs and targets of a scene, cropped to the workspace at size x size."""
 
-    def cropped(views: Views) -> tuple[View, ...]:
-        boxes = [workspace.photo_box(view.camera) for view in views.frames]
+    def cropped(views: Views | None) -> tuple[View, ...]:
         return tuple(
-            crop_view(view, view.camera, box, size) for view, box in zip(views.frames, boxes, strict=True)
+            crop_view(view, view.camera, scene.workspace.photo_box(view.camera), size)
+            for view in (views.frames if views else ())
         )
 
-    targets = record.target_views(workspace) if len(record.targets) else None
-    return cropped(record.views(workspace)), cropped(targets) if targets else ()
+    return cropped(scene.views), cropped(scene.targets)
+
+
+def lent(
+    views: tuple[PreparedView, ...], rng: np.random.Generator | None
+) -> tuple[tuple[PreparedView, ...], tuple[PreparedView, ...]]:
+    """Inputs and targets of a scene that has no targets of its own; without a generator always the same.
+
+    From 6 views on those are two groups in their order, as the paper has for real scenes: one is seen, the
+    other compared with. Of fewer, one is compared with.
+    """
+    count = len(views)
+    if count >= FEWEST_IN_GROUPS:
+        first, second = views[: (count + 1) // 2], views[(count + 1) // 2 :]
+        return (first, second) if rng is None or rng.random() < 0.5 else (second, first)
+    at = count - 1 if rng is None else int(rng.integers(count))
+    return (*views[:at], *views[at + 1 :]), (views[at],)
 
 
 def sample_of(
-    record: Record,
+    scene: GraspScene,
     groups: tuple[tuple[PreparedView, ...], tuple[PreparedView, ...]],
-    workspace: Workspace,
     rng: np.random.Generator | None,
 ) -> Sample:
-    """A training sample of a record whose inputs and targets are prepared.
+    """A training sample of a scene whose inputs and targets are prepared.
 
-    With a generator it is augmented, without it is the record as it stands.
+    With a generator it is augmented, without it is the scene as it stands.
     """
     symmetry = Symmetry() if rng is None else Symmetry.random(rng)
-    inputs, *others = (_photos(group, symmetry, workspace) for group in groups if group)
+    inputs, *others = (_photos(group, symmetry, scene.workspace) for group in groups if group)
     if rng is not None:
         inputs, *others = _jitter([inputs, *others], rng)
     targets = others[0] if others else drop_views(inputs, [])
-    return Sample(inputs, targets, truth_of(record, symmetry, workspace))
+    return Sample(inputs, targets, truth_of(scene, symmetry))
 
 
-def plain_sample(record: Record, workspace: Workspace, size: int) -> Sample:
-    """A record as it stands, without labels of what changed in its photos: for validation."""
-    groups = crop_views(record, workspace, size)
+def plain_sample(scene: GraspScene, size: int) -> Sample:
+    """A scene as it stands, without labels of what changed in its photos: for validation."""
     unsure = np.full((size, size), -1, np.int8)
-    inputs, targets = (tuple(PreparedView(view, unsure) for view in group) for group in groups)
-    return sample_of(record, (inputs, targets), workspace, None)
+    inputs, targets = (
+        tuple(PreparedView(view, unsure) for view in group) for group in crop_views(scene, size)
+    )
+    return sample_of(scene, (inputs, targets), None)
 
 
-def truth_of(record: Record, symmetry: Symmetry, workspace: Workspace) -> Truth:
-    """Labels and true grid of a record, moved by a symmetry."""
+def truth_of(scene: GraspScene, symmetry: Symmetry) -> Truth:
+    """Labels and true grids of a scene, moved by a symmetry."""
+    labels = _labels(scene, symmetry)
+    if scene.truth is None:
+        return Truth(labels)
+    truth = scene.truth
     return Truth(
-        _labels(record, symmetry, workspace),
-        torch.from_numpy(symmetry.of_grid(record.tsdf.astype(np.float32))),
-        torch.from_numpy(symmetry.of_grid(record.observed)),
-        None if record.distance is None else torch.from_numpy(symmetry.of_grid(record.distance)),
+        labels,
+        torch.from_numpy(symmetry.of_grid(truth.tsdf.astype(np.float32))),
+        torch.from_numpy(symmetry.of_grid(truth.observed)),
+        None if truth.distance is None else torch.from_numpy(symmetry.of_grid(truth.distance)),
     )
 
 
@@ -185,12 +225,12 @@ def _jitter(groups: list[Photos], rng: np.random.Generator) -> list[Photos]:
     ]
 
 
-def _labels(record: Record, symmetry: Symmetry, workspace: Workspace) -> GraspLabels:
-    labels = record.labels
+def _labels(scene: GraspScene, symmetry: Symmetry) -> LabelTensors:
+    labels, workspace = scene.labels, scene.workspace
     matrix = symmetry.matrix(workspace)
     points = labels.points @ matrix[:3, :3].T + matrix[:3, 3]
     inside = workspace.contains(points)
-    return GraspLabels(
+    return LabelTensors(
         torch.from_numpy(workspace.index_of(points[inside])),
         torch.from_numpy(symmetry.of_rotations(labels.quaternions[inside])).float(),
         torch.from_numpy(labels.widths[inside] / workspace.voxel_size).float(),

@@ -5,19 +5,16 @@ from __future__ import annotations
 import logging
 import os
 import time
-from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import torch
 from torch import nn
 
 from neugrasp.errors import InputError, NeuGraspError
-from neugrasp.geometry.symmetry import Symmetry
 from neugrasp.long_runs import held, source_commit
 from neugrasp.model.checkpoint import load_checkpoint, save_checkpoint
 from neugrasp.model.compute import Compute
@@ -26,20 +23,17 @@ from neugrasp.progress import reached
 from neugrasp.terminal import next_step
 from neugrasp.training.command import Train
 from neugrasp.training.config import TrainConfig
-from neugrasp.training.dataset import Batch, Records, Scenes, Steps, identity_of, loader, open_records
+from neugrasp.training.dataset import Batch, Scenes, Steps, identity_of, loader
 from neugrasp.training.distributed import Ranks, joined_ranks
+from neugrasp.training.early_stop import EarlyStop
 from neugrasp.training.log import TrainingLog
 from neugrasp.training.module import TrainingModule, bfloat16_pays
 from neugrasp.training.networks import NetworkSpec, network_spec
 from neugrasp.training.recipes import configured
-from neugrasp.training.samples import Sample, Truth
+from neugrasp.training.split import HeldOutScenes, open_data
 from neugrasp.training.state import Identity, Learner, load_state, save_state, saved_facts
 
 log = logging.getLogger(__name__)
-
-T = TypeVar("T")
-HELD_OUT = 20
-"""One scene of so many is kept aside for validation where no folder is given for it."""
 
 
 def run(options: Train, config: TrainConfig | None = None) -> str:
@@ -68,7 +62,7 @@ def _trained(run: Train, config: TrainConfig, stop_after: int | None) -> Path:
         # However long the run becomes, the head's stage was as long as it was.
         config = replace(config, head_steps=saved.get("head_steps", config.head_steps))
     torch.manual_seed(config.seed)
-    scenes, held_out = _open_data(run, config)
+    scenes, held_out = open_data(run, config)
     spec = network_spec(config.network)
     model: Any = spec.build(config.model, scenes.workspace)
     if run.init:
@@ -87,7 +81,8 @@ def _trained(run: Train, config: TrainConfig, stop_after: int | None) -> Path:
                 _Run(run, config, spec, ranks, learner, identity, held_out, len(scenes)), scenes, start, last
             )
         weights = run.out / "weights.safetensors"
-        if ranks.leads:
+        # Where training ends early, the weights of the best validation stay.
+        if ranks.leads and not (config.patience and weights.is_file()):
             about = _about(run, config, last, len(scenes))
             save_checkpoint(weights, learner.smooth, about, network=config.network)
     return weights
@@ -103,7 +98,7 @@ class _Run:
     ranks: Ranks
     learner: Learner[Any]
     identity: Identity
-    held_out: _HeldOut
+    held_out: HeldOutScenes
     num_scenes: int
 
 
@@ -114,21 +109,34 @@ def _train(this: _Run, scenes: Scenes, start: int, last: int) -> None:
     steps = Steps(scenes, config, ranks.rank, ranks.count)
     about = asdict(config) | {"recipe": this.run.recipe}
     records = TrainingLog(out, start, this.run.loggers, about) if ranks.leads else None
+    early = EarlyStop(out / "log.jsonl", config.patience)
     began = time.monotonic()
     try:
+        if ranks.agree(early.is_over):
+            return
         for step, batch in enumerate(loader(steps, start, last, this.run.loaders), start):
             losses = _step(module, learner, batch.to(ranks.device), config, step)
-            if records is None:
-                continue
-            reached("steps", step + 1, config.steps)
-            records.step(step, losses, config.learning_rate_at(step))
             done = step + 1
-            if this.held_out and (done % config.validate_every == 0 or done == config.steps):
-                _validate(this, done, records)
+            validates = this.held_out and (done % config.validate_every == 0 or done == config.steps)
+            if records is not None:
+                reached("steps", done, config.steps)
+                records.step(step, losses, config.learning_rate_at(step))
+                if validates:
+                    _validate(this, done, records, early)
+            is_over = config.patience > 0 and validates and ranks.agree(early.is_over)
             # The state comes last: a run killed before it validates again, one killed after it has done so.
-            if done % config.checkpoint_every == 0 or done == config.steps:
+            if records is not None and (
+                done % config.checkpoint_every == 0 or done == config.steps or is_over
+            ):
                 save_state(out, learner, done, this.identity)
                 _show_progress(done, config, losses, (time.monotonic() - began) / (done - start))
+            if is_over:
+                log.info(
+                    "step %d: %d validations without a better one; the best one's weights are kept",
+                    done,
+                    config.patience,
+                )
+                break
     finally:
         if records is not None:
             records.close()
@@ -170,61 +178,6 @@ def _start_from(model: nn.Module, weights: str) -> None:
     model.head.load_state_dict(head)
 
 
-class _HeldOut:
-    """Some scenes that are not trained on."""
-
-    def __init__(self, scenes: Scenes, config: TrainConfig):
-        self._scenes = scenes
-        self._with_photos = _spread(scenes.photographed, config.validation_scenes)
-        self._any = _spread(range(len(scenes)), 10 * config.validation_scenes)
-
-    def __bool__(self) -> bool:
-        return bool(self._any)
-
-    @cached_property
-    def samples(self) -> list[Sample]:
-        """With photos; made when first asked for."""
-        return [self._scenes.sample(index, None) for index in self._with_photos]
-
-    @cached_property
-    def truths(self) -> list[Truth]:
-        """With or without photos, and more of them: the head is quick."""
-        return [self._scenes.truth(index, Symmetry()) for index in self._any]
-
-
-def _spread(things: Sequence[T], count: int) -> list[T]:
-    """At most `count` of the things, evenly."""
-    places = np.linspace(0, len(things) - 1, min(count, len(things))).astype(int)
-    return [things[place] for place in places.tolist()]
-
-
-def _open_data(run: Train, config: TrainConfig) -> tuple[Scenes, _HeldOut]:
-    """The training scenes, and what is validated on."""
-    folders = [_places(folder) for folder in run.data]
-    places = [place for folder in folders for place in folder]
-    if run.scenes is not None:
-        if not 1 <= run.scenes <= len(places):
-            raise InputError(f"--scenes {run.scenes}: --data holds 1 to {len(places)}")
-        places = _spread(places, run.scenes)
-    if run.validation:
-        held = [place for folder in run.validation for place in _places(folder)]
-    else:
-        # Of every folder, so that each kind of scene is validated on.
-        held = places[HELD_OUT - 1 :: HELD_OUT]
-        places = [place for index, place in enumerate(places) if index % HELD_OUT != HELD_OUT - 1]
-    size, finds_changes = config.model.image_size, config.weights.finds_changes
-    scenes = Scenes(places, size, finds_changes, reads_targets=finds_changes)
-    if config.steps > config.head_steps and not scenes.photographed:
-        names = ", ".join(map(str, run.data))
-        raise InputError(f"{names}: no scene has photos; recipe {run.recipe} needs some, head none")
-    return scenes, _HeldOut(Scenes(held, size, finds_changes), config)
-
-
-def _places(folder: Path) -> list[tuple[Records, int]]:
-    records = open_records(folder)
-    return [(records, index) for index in range(len(records))]
-
-
 def _step(
     module: nn.Module, learner: Learner[Any], batch: Batch, config: TrainConfig, step: int
 ) -> dict[str, float]:
@@ -244,12 +197,13 @@ def _step(
     return values
 
 
-def _validate(this: _Run, step: int, records: TrainingLog) -> None:
+def _validate(this: _Run, step: int, records: TrainingLog, early: EarlyStop) -> None:
     model, config, out = this.learner.smooth, this.config, this.run.out
     scores = this.spec.judge(model, this.held_out, config, step, out)
     records.validation(step, scores)
-    about = _about(this.run, config, step, this.num_scenes)
-    save_checkpoint(out / "weights.safetensors", model, about, network=config.network)
+    if early.add(scores):
+        about = _about(this.run, config, step, this.num_scenes)
+        save_checkpoint(out / "weights.safetensors", model, about, network=config.network)
     log.info("step %d validation: %s", step, {name: round(value, 3) for name, value in scores.items()})
 
 

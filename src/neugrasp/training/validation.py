@@ -13,8 +13,8 @@ from neugrasp.metrics import CONSTANTS, area_under_roc, l1_by_mask, occupancy_io
 from neugrasp.model.grasp_head import GraspVolume
 from neugrasp.model.network import NeuGrasp, Reconstruction
 from neugrasp.model.rendering import cut_to_workspace
-from neugrasp.training.losses import rotation_distance
-from neugrasp.training.samples import GraspLabels, Photos, Sample, Truth
+from neugrasp.training.losses import grasp_loss, rotation_distance
+from neugrasp.training.samples import LabelTensors, Photos, Sample, Truth
 
 RENDER_STRIDE = 4
 """Every how many pixels the held-out view is rendered: enough for PSNR, and 16 times faster."""
@@ -67,7 +67,7 @@ def render_view(
     return image.reshape(count, count, 3).clamp(0, 1).cpu().numpy(), truth.cpu().numpy()
 
 
-def grasp_scores(volume: GraspVolume, labels: GraspLabels) -> dict[str, float]:
+def grasp_scores(volume: GraspVolume, labels: LabelTensors) -> dict[str, float]:
     """AUC of the quality at the labelled voxels, and the mean rotation error of the successes in degrees."""
     labels = labels.to(volume.quality.device)
     x, y, z = labels.index.unbind(1)
@@ -85,7 +85,8 @@ def validate_head(model: NeuGrasp, truths: Sequence[Truth]) -> dict[str, float]:
     scores = Scores()
     device = next(model.parameters()).device
     for truth in truths:
-        found = grasp_scores(model.head(truth.tsdf.unsqueeze(0).to(device)), truth.labels)
+        tsdf = truth.needed("tsdf")
+        found = grasp_scores(model.head(tsdf.unsqueeze(0).to(device)), truth.labels)
         scores.add(**{f"true_grid_{name}": value for name, value in found.items()})
     return scores.means()
 
@@ -93,7 +94,8 @@ def validate_head(model: NeuGrasp, truths: Sequence[Truth]) -> dict[str, float]:
 def validate(
     model: NeuGrasp, samples: Sequence[Sample], sharpness: float, render: bool = True
 ) -> dict[str, float]:
-    """Means over samples: L1 under five masks beside the constants', IoU, PSNR, SSIM, AUC, rotation error.
+    """Means over samples: the grasp loss, AUC, rotation error, PSNR, SSIM; where the surface is known, L1
+    under five masks beside the constants', and IoU.
 
     `iou` is against the fused TSDF, `iou_meshes` and `volume` (predicted over true) against the distance to
     the meshes where the samples have it.
@@ -104,11 +106,15 @@ def validate(
     table = int(model.workspace.table_height / model.workspace.voxel_size) + 1
     for sample in samples:
         reconstruction, volume = reconstruct(model, sample)
-        truth, tsdf = sample.truth.tsdf.numpy(), reconstruction.tsdf.cpu().numpy()
-        scores.add(**{f"l1_{a}": value for a, value in l1_by_mask(tsdf, truth).items()})
-        for constant in CONSTANTS:
-            scores.add(**{f"l1_0.3_constant_{constant:+.0f}": l1_by_mask(constant, truth)["0.3"]})
-        scores.add(iou=occupancy_iou(tsdf, truth, table), **grasp_scores(volume, sample.truth.labels))
+        tsdf = reconstruction.tsdf.cpu().numpy()
+        labels = sample.truth.labels.to(volume.quality.device)
+        scores.add(grasp_loss=float(grasp_loss(volume, [labels])), **grasp_scores(volume, labels))
+        if sample.truth.tsdf is not None:
+            truth = sample.truth.tsdf.numpy()
+            scores.add(**{f"l1_{a}": value for a, value in l1_by_mask(tsdf, truth).items()})
+            for constant in CONSTANTS:
+                scores.add(**{f"l1_0.3_constant_{constant:+.0f}": l1_by_mask(constant, truth)["0.3"]})
+            scores.add(iou=occupancy_iou(tsdf, truth, table))
         if sample.truth.distance is not None:
             meshes = sample.truth.distance.numpy()
             scores.add(

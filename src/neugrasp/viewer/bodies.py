@@ -5,12 +5,12 @@ from __future__ import annotations
 import logging
 from pathlib import Path
 
+from neugrasp.data.world import Body, Scene
 from neugrasp.errors import NeuGraspError
 from neugrasp.geometry.pose import from_quaternion
 from neugrasp.geometry.surface import Surface
 from neugrasp.simulation.meshes import merged, read_obj
 from neugrasp.simulation.objects import ObjectLibrary
-from neugrasp.simulation.scene import Body, Scene
 from neugrasp.viewer.contents import Colour, Solid
 
 log = logging.getLogger(__name__)

@@ -12,6 +12,7 @@ from neugrasp.data.camera_checks import check_rigid
 from neugrasp.data.labels import labels_from_bytes
 from neugrasp.data.npz import npz_arrays
 from neugrasp.data.scene_folder import FILE, read_scene
+from neugrasp.data.world import scene_from_json
 from neugrasp.detection.files import read_grasp_list
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.geometry.pose import from_quaternion, inverse
@@ -20,7 +21,6 @@ from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper, bundled
 from neugrasp.observation import View, Views
 from neugrasp.pictures.shading import free_where_unseen
-from neugrasp.simulation.scene import scene_from_json
 from neugrasp.viewer.bodies import solids_of
 from neugrasp.viewer.contents import Candidate, Contents, Grid, Moment, Solid, Truth
 

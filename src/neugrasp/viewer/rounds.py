@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from neugrasp.data.world import Scene
 from neugrasp.evaluation.episode import Attempt, Episode, read_episode
 from neugrasp.evaluation.folder import NEEDED, facts_of, library_of, scene_of, workspace_of
 from neugrasp.evaluation.rounds import Rounds
@@ -12,7 +13,6 @@ from neugrasp.geometry.pose import from_quaternion
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
 from neugrasp.observation import Frame
-from neugrasp.simulation.scene import Scene
 from neugrasp.viewer.bodies import COLOURS, Identity, identity, solids_of
 from neugrasp.viewer.contents import Candidate, Colour, Contents, Moment, Solid
 from neugrasp.viewer.reading import Choices

@@ -1,0 +1,93 @@
+"""Scenes of a real cell to learn from: an ordinary scene folder, and beside it the grasps that were tried.
+
+`grasps.npz` is that of a record of the simulator (docs/data_format.md); neither depth nor truth is needed.
+`targets/`, a second scene folder, may hold photos that are only compared with.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from neugrasp.data.grasp_scene import GraspScene
+from neugrasp.data.labels import GraspLabels, labels_from_bytes, labels_to_bytes
+from neugrasp.data.scene_folder import FILE, read_scene, write_scene
+from neugrasp.errors import InputError
+from neugrasp.geometry.pose import inverse
+from neugrasp.observation import Views
+from neugrasp.output import whole_file
+
+LABELS_FILE = "grasps.npz"
+FEWEST_VIEWS = 2
+"""One to see, and one to compare with."""
+
+
+def is_capture(folder: Path) -> bool:
+    """Whether a folder holds a scene of a real cell to learn from, rather than a record of the simulator."""
+    return (folder / FILE).is_file() and not (folder / "truth.npz").is_file()
+
+
+def read_capture(folder: Path, targets: bool = True) -> GraspScene:
+    """The scene in `folder`, without its `targets/` where they are not wanted.
+
+    Raises `InputError` naming the file that is damaged, or what does not fit.
+    """
+    folder = Path(folder)
+    views = _at_origin(read_scene(folder))
+    labels = folder / LABELS_FILE
+    try:
+        data = labels.read_bytes()
+    except OSError as error:
+        raise InputError(f"{labels}: cannot be read ({error.strerror}); it holds the grasps tried") from error
+    scene = GraspScene(
+        name=folder.name,
+        workspace=views.workspace,
+        labels=labels_from_bytes(data, str(labels)),
+        views=views,
+        targets=_targets(folder / "targets", views) if targets else None,
+    )
+    _check(scene, folder)
+    return scene
+
+
+def write_labels(folder: Path, labels: GraspLabels) -> None:
+    """Writes the grasps tried in the scene of `folder`, whole or not at all, over those of before."""
+    with whole_file(Path(folder) / LABELS_FILE) as part:
+        part.write_bytes(labels_to_bytes(labels))
+
+
+def write_capture(folder: Path, views: Views, labels: GraspLabels) -> None:
+    """Writes a scene to learn from. `grasps.npz` comes last: a folder without it is not learned from yet."""
+    write_scene(folder, views)
+    write_labels(folder, labels)
+
+
+def _targets(folder: Path, views: Views) -> Views | None:
+    if not folder.is_dir():
+        return None
+    targets = read_scene(folder)
+    if not np.allclose(targets.workspace.cube, views.workspace.cube):
+        raise InputError(f"{folder}: is about another cube than the photos that it belongs to")
+    return _at_origin(targets)
+
+
+def _at_origin(views: Views) -> Views:
+    """The same photos with cameras in the workspace frame."""
+    workspace_from_world = inverse(views.workspace.world_from_workspace)
+    frames = [replace(view, camera=view.camera.moved(workspace_from_world)) for view in views.frames]
+    return Views(tuple(frames), replace(views.workspace, world_from_workspace=np.eye(4)), views.source)
+
+
+def _check(scene: GraspScene, folder: Path) -> None:
+    count = len(scene.labels.success)
+    for name, shape in {"points": (count, 3), "quaternions": (count, 4), "widths": (count,)}.items():
+        found = getattr(scene.labels, name).shape
+        if found != shape:
+            raise InputError(f"{folder / LABELS_FILE}: {name} has shape {found}; it must be {shape}")
+    if scene.views is not None and scene.targets is None and len(scene.views) < FEWEST_VIEWS:
+        raise InputError(
+            f"{folder}: has 1 view; to learn from photos alone takes {FEWEST_VIEWS}: one is compared with "
+            "what the others say (8 in two groups of 4 is what the paper has)"
+        )
