@@ -21,7 +21,15 @@ from neugrasp.geometry.symmetry import Symmetry
 from neugrasp.geometry.workspace import USUAL
 from neugrasp.observation import View
 from neugrasp.training.config import TrainConfig
-from neugrasp.training.samples import PreparedView, Sample, Truth, crop_views, sample_of, truth_of
+from neugrasp.training.samples import (
+    PreparedView,
+    Sample,
+    Truth,
+    crop_views,
+    sample_of,
+    truth_of,
+    with_depths,
+)
 
 
 class Records(Protocol):
@@ -101,6 +109,7 @@ class Scenes:
         size: int,
         finds_changes: bool,
         reads_targets: bool = True,
+        reads_depths: bool = False,
     ):
         self.places = tuple(places)
         """The folder and index of each scene."""
@@ -110,6 +119,8 @@ class Scenes:
         """Whether `change_labels` of the photos are wanted; else all are UNSURE."""
         self.reads_targets = reads_targets
         """Whether the views that losses compare with are wanted; else there are none."""
+        self.reads_depths = reads_depths
+        """Whether the true depths of the input views are wanted."""
         self.photographed = tuple(i for i, (records, at) in enumerate(self.places) if records.has_photos(at))
         """Indices of the scenes with photos."""
         self.workspace = self._read(0, "none").workspace if self.places else USUAL
@@ -125,6 +136,8 @@ class Scenes:
         inputs, targets = crop_views(record, self.workspace, self.size)
         prepared = [self._prepared(index, place, view) for place, view in enumerate((*inputs, *targets))]
         groups = tuple(prepared[: len(inputs)]), tuple(prepared[len(inputs) :])
+        if self.reads_depths:
+            groups = tuple(with_depths(record, groups[0])), groups[1]
         return sample_of(record, groups, self.workspace, rng)
 
     def truth(self, index: int, symmetry: Symmetry) -> Truth:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from neugrasp.data.records import Record
+from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.sampling import CameraTensors
 from neugrasp.geometry.symmetry import Symmetry
 from neugrasp.geometry.workspace import Workspace
@@ -60,10 +62,14 @@ class Photos:
     views: ViewTensors
     changes: Tensor
     """(n, s, s) int8 of `change_labels`."""
+    depths: Tensor | None = None
+    """(n, s, s) true z-depths, metres, 0 where there is no surface, of photos for which they are known: what
+    supervision by depth reads."""
 
     def to(self, device: torch.device | str) -> Photos:
         """The same photos on another device."""
-        return Photos(self.views.to(device), self.changes.to(device))
+        depths = None if self.depths is None else self.depths.to(device)
+        return Photos(self.views.to(device), self.changes.to(device), depths)
 
 
 @dataclass(frozen=True)
@@ -88,6 +94,8 @@ class PreparedView:
     """(s, s) photos; the camera in the workspace frame."""
     changes: np.ndarray
     """(s, s) int8 of `change_labels`."""
+    depth: np.ndarray | None = None
+    """(s, s) as in `Photos`."""
 
 
 def crop_views(record: Record, workspace: Workspace, size: int) -> tuple[tuple[View, ...], tuple[View, ...]]:
@@ -101,6 +109,23 @@ def crop_views(record: Record, workspace: Workspace, size: int) -> tuple[tuple[V
 
     targets = record.target_views(workspace) if len(record.targets) else None
     return cropped(record.views(workspace)), cropped(targets) if targets else ()
+
+
+def depth_through(camera: Camera, photo: Camera, depth: np.ndarray) -> np.ndarray:
+    """The z-depths (h, w) of a photo, as its crop with `camera` shows them: of the nearest pixel, 0 beside it."""
+    if camera.width == photo.width and np.array_equal(camera.intrinsics, photo.intrinsics):
+        return depth
+    rays = np.concatenate([camera.pixel_grid(), np.ones((camera.height, camera.width, 1))], axis=-1)
+    column, row, _ = np.moveaxis(rays @ (photo.intrinsics @ np.linalg.inv(camera.intrinsics)).T, -1, 0)
+    column, row = (np.floor(each + 0.5).astype(int) for each in (column, row))
+    known = (column >= 0) & (column < photo.width) & (row >= 0) & (row < photo.height)
+    return np.where(known, depth[row.clip(0, photo.height - 1), column.clip(0, photo.width - 1)], 0)
+
+
+def with_depths(record: Record, inputs: Iterable[PreparedView]) -> Iterable[PreparedView]:
+    """The prepared input views of a record with their true depths."""
+    for view, photo, depth in zip(inputs, record.cameras, record.depths, strict=True):
+        yield replace(view, depth=depth_through(view.view.camera, photo, depth))
 
 
 def sample_of(
@@ -145,11 +170,13 @@ def drop_views(photos: Photos, keep: list[int]) -> Photos:
     return Photos(
         ViewTensors(views.images[keep], views.backgrounds[keep], views.cameras.select(keep)),
         photos.changes[keep],
+        None if photos.depths is None else photos.depths[keep],
     )
 
 
 def _photos(prepared: tuple[PreparedView, ...], symmetry: Symmetry, workspace: Workspace) -> Photos:
     views = [one.view for one in prepared]
+    depths = [one.depth for one in prepared if one.depth is not None]
     return Photos(
         ViewTensors(
             to_tensor([symmetry.of_image(view.image) for view in views]),
@@ -157,6 +184,7 @@ def _photos(prepared: tuple[PreparedView, ...], symmetry: Symmetry, workspace: W
             CameraTensors.of([symmetry.of_camera(view.camera, workspace) for view in views]),
         ),
         torch.from_numpy(np.stack([symmetry.of_image(one.changes) for one in prepared])),
+        torch.from_numpy(np.stack([symmetry.of_image(depth) for depth in depths])) if depths else None,
     )
 
 
@@ -180,6 +208,7 @@ def _jitter(groups: list[Photos], rng: np.random.Generator) -> list[Photos]:
                 group.views.cameras,
             ),
             group.changes,
+            group.depths,
         )
         for group in groups
     ]

@@ -68,8 +68,8 @@ def _trained(run: Train, config: TrainConfig, stop_after: int | None) -> Path:
         # However long the run becomes, the head's stage was as long as it was.
         config = replace(config, head_steps=saved.get("head_steps", config.head_steps))
     torch.manual_seed(config.seed)
-    scenes, held_out = _open_data(run, config)
     spec = network_spec(config.network)
+    scenes, held_out = _open_data(run, config, spec)
     model: Any = spec.build(config.model, scenes.workspace)
     if run.init:
         _start_from(model, run.init)
@@ -198,7 +198,7 @@ def _spread(things: Sequence[T], count: int) -> list[T]:
     return [things[place] for place in places.tolist()]
 
 
-def _open_data(run: Train, config: TrainConfig) -> tuple[Scenes, _HeldOut]:
+def _open_data(run: Train, config: TrainConfig, spec: NetworkSpec) -> tuple[Scenes, _HeldOut]:
     """The training scenes, and what is validated on."""
     folders = [_places(folder) for folder in run.data]
     places = [place for folder in folders for place in folder]
@@ -212,8 +212,9 @@ def _open_data(run: Train, config: TrainConfig) -> tuple[Scenes, _HeldOut]:
         # Of every folder, so that each kind of scene is validated on.
         held = places[HELD_OUT - 1 :: HELD_OUT]
         places = [place for index, place in enumerate(places) if index % HELD_OUT != HELD_OUT - 1]
-    size, finds_changes = config.model.image_size, config.weights.finds_changes
-    scenes = Scenes(places, size, finds_changes, reads_targets=finds_changes)
+    size, weights = config.model.image_size, config.weights
+    finds_changes = spec.compares and weights.finds_changes
+    scenes = Scenes(places, size, finds_changes, weights.finds_changes, reads_depths=bool(weights.depth))
     if config.steps > config.head_steps and not scenes.photographed:
         names = ", ".join(map(str, run.data))
         raise InputError(f"{names}: no scene has photos; recipe {run.recipe} needs some, head none")
