@@ -96,7 +96,7 @@ def _oracle(options: DetectorOptions) -> Oracle:
         return Oracle(load_vgn_head(Path(options.weights)), gripper, threshold, is_vgn=True)
     checkpoint = load_checkpoint(options.weights)
     hand = HandCheck(gripper) if options.hand_check else None
-    threshold = threshold_of(checkpoint, options.threshold)
+    threshold = threshold_of(checkpoint.about, options.threshold)
     return Oracle(checkpoint.model().head, gripper, threshold, is_vgn=False, hand=hand)
 
 

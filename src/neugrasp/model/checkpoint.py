@@ -88,8 +88,8 @@ def load_checkpoint(name_or_path: str | Path) -> Checkpoint:
     metadata, tensors = _weights_of(path, NEUGRASP)
     config = _config_from(described(path, metadata, "config"))
     check_tensors(path, partial(NeuGrasp, config), tensors)
-    about = described(path, metadata, "about") if "about" in metadata else Fields(str(path), {}, "about.")
-    return Checkpoint(config, tensors, _checked_about(about), workspace_from(path, metadata))
+    about = _checked_about(_about(path, metadata))
+    return Checkpoint(config, tensors, about, workspace_from(path, metadata))
 
 
 Config = TypeVar("Config", bound=NetworkConfig)
@@ -110,6 +110,16 @@ def load_network(
     network = build(config, workspace)
     network.load_state_dict({key: tensor.float() for key, tensor in tensors.items()})
     return network.eval()
+
+
+def notes_of(path: Path, name: str) -> dict[str, Any]:
+    """What was noted with the weights of a network of another name. Raises as `load_checkpoint`."""
+    metadata, _ = _weights_of(path, name)
+    return _checked_about(_about(path, metadata))
+
+
+def _about(path: Path, metadata: dict[str, str]) -> Fields:
+    return described(path, metadata, "about") if "about" in metadata else Fields(str(path), {}, "about.")
 
 
 def _weights_of(path: Path, network: str) -> tuple[dict[str, str], dict[str, Tensor]]:

@@ -1,4 +1,4 @@
-"""What other packages, and other parts of this one, add to training: by name, as entry points, or as module:NAME."""
+"""What others add to training: by name, as entry points, or as module:NAME."""
 
 from __future__ import annotations
 

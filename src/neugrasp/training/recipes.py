@@ -140,7 +140,7 @@ GROUP = "neugrasp.recipes"
 
 
 def recipe(name: str) -> TrainConfig:
-    """The configuration of a named recipe, or of one at module:NAME. Raises `InputError` where there is none."""
+    """The configuration of a recipe by name or module:NAME. Raises `InputError` where there is none."""
     found = RECIPES.get(name) or extension(GROUP, name, "recipe", RECIPES)
     config = found() if callable(found) else found
     if not isinstance(config, TrainConfig):

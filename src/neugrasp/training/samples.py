@@ -112,7 +112,7 @@ def crop_views(record: Record, workspace: Workspace, size: int) -> tuple[tuple[V
 
 
 def depth_through(camera: Camera, photo: Camera, depth: np.ndarray) -> np.ndarray:
-    """The z-depths (h, w) of a photo, as its crop with `camera` shows them: of the nearest pixel, 0 beside it."""
+    """The z-depths (h, w) of a photo as its crop with `camera` shows them: of the nearest pixel, else 0."""
     if camera.width == photo.width and np.array_equal(camera.intrinsics, photo.intrinsics):
         return depth
     rays = np.concatenate([camera.pixel_grid(), np.ones((camera.height, camera.width, 1))], axis=-1)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 
 from neugrasp.baselines.graspnerf.network import GraspNerf
@@ -73,7 +72,7 @@ def _window(
 def depth_loss(
     network: GraspNerf, scene: PhotographedScene, photos: Photos, generator: torch.Generator
 ) -> Tensor:
-    """Mean squared error of where rays of the input views end, on the scale of inverse depth, coarse and fine.
+    """Mean squared error of where rays of the input views end, coarse and fine, on the scale of `RayEnds`.
 
     Pixels without a depth, or with one beyond the scale, do not count.
     """

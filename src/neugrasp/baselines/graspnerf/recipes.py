@@ -82,8 +82,8 @@ def tiny() -> TrainConfig:
         head_channels=(4, 8, 8),
     )
     return replace(
-        graspnerf_tsdf(), model=model, bfloat16=False, steps=8, head_steps=2, head_batch=2, rays=48, columns=64,
-        whole_every=2, checkpoint_every=3, validate_every=8, validation_scenes=1,
+        graspnerf_tsdf(), model=model, bfloat16=False, steps=8, head_steps=2, head_batch=2, rays=48,
+        columns=64, whole_every=2, checkpoint_every=3, validate_every=8, validation_scenes=1,
     )  # fmt: skip
 
 
