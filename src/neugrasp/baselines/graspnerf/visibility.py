@@ -45,7 +45,9 @@ class RayEnds:
 
 
 def _layers(dim: int, dim_out: int) -> nn.Sequential:
-    return nn.Sequential(nn.Linear(dim, dim), nn.ELU(), nn.Linear(dim, dim), nn.ELU(), nn.Linear(dim, dim_out))
+    return nn.Sequential(
+        nn.Linear(dim, dim), nn.ELU(), nn.Linear(dim, dim), nn.ELU(), nn.Linear(dim, dim_out)
+    )
 
 
 class RayEndDecoder(nn.Module):
