@@ -23,9 +23,10 @@ from ball_record import ball_record
 from neugrasp.baselines.vgn import PUBLIC_NAMES, load_vgn_head
 from neugrasp.data.labels import labels_from_bytes, labels_to_bytes
 from neugrasp.data.npz import npz_arrays, npz_bytes
-from neugrasp.data.records import read_record, truth_from_bytes, truth_to_bytes, write_record
+from neugrasp.data.records import read_record, write_record
 from neugrasp.data.shards import Shards, pack
 from neugrasp.data.strict_json import DEEPEST, LARGEST, read_json
+from neugrasp.data.truth_file import truth_from_bytes, truth_to_bytes
 from neugrasp.detection.files import read_grasps, write_grasps
 from neugrasp.errors import InputError
 from neugrasp.evaluation.episode import EMPTY, Attempt, Episode, read_episode, write_episode

@@ -8,8 +8,9 @@ import numpy as np
 from hypothesis import strategies as st
 
 from neugrasp.data.labels import Labels
-from neugrasp.data.records import DEPTH_UNIT, Record, without_photos
+from neugrasp.data.records import Record, without_photos
 from neugrasp.data.trials import COLUMNS, State, Trials
+from neugrasp.data.truth_file import DEPTH_UNIT
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.view_sets import on_sphere
 from neugrasp.geometry.workspace import Workspace

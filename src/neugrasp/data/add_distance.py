@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp.data.npz import npz_arrays, npz_bytes
-from neugrasp.data.records import FILES, TRUTH_ARRAYS, need_files
+from neugrasp.data.records import FILES, need_files
+from neugrasp.data.truth_file import TRUTH_ARRAYS
 from neugrasp.output import whole_file
 from neugrasp.simulation.scene import Scene, scene_from_json
 
@@ -22,7 +23,7 @@ def add_distance(folder: Path, distance: Callable[[Scene], NDArray[np.float32]])
     """
     need_files(folder, FILES)
     path = folder / "truth.npz"
-    arrays = npz_arrays(path.read_bytes(), TRUTH_ARRAYS, str(path), optional=("distance",))
+    arrays = npz_arrays(path.read_bytes(), TRUTH_ARRAYS, str(path), optional=("distance", "stereo"))
     if "distance" in arrays:
         return False
     world = folder / "world.json"

@@ -21,23 +21,19 @@ from numpy.typing import NDArray
 
 from neugrasp.data.fields import Fields
 from neugrasp.data.labels import Labels, labels_from_bytes, labels_to_bytes
-from neugrasp.data.npz import npz_arrays, npz_bytes
 from neugrasp.data.scene_folder import read_scene, write_scene
 from neugrasp.data.strict_json import read_json
 from neugrasp.data.trials import Trials, trials_from_bytes, trials_to_bytes
+from neugrasp.data.truth_file import truth_from_bytes, truth_to_bytes
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.observation import View, Views
 from neugrasp.simulation.scene import Scene, scene_from_json, scene_to_json
 
-DEPTH_UNIT = 1e-4
-"""Metres that one step of a stored depth stands for; 0 is no surface."""
 FILES = ("world.json", "cell.json", "truth.npz", "grasps.npz")
 TRIALS_FILE = "trials.npz"
 PHOTO_FILES = ("scene.json", "targets/scene.json")
-TRUTH_ARRAYS = {"tsdf": "f", "observed": "u", "depth": "u", "masks": "i", "distance": "f"}
-"""Arrays of truth.npz and their kinds (`npz_arrays`); older records lack the distance."""
 NO_PHOTOS = np.zeros((0, 0, 0, 3), np.uint8)
 
 
@@ -78,6 +74,9 @@ class Record:
     None in records of before it was stored."""
     trials: Trials | None = None
     """All grasps that were executed, those behind the labels among them; None where they were not kept."""
+    stereo: NDArray[np.float32] | None = None
+    """(n, s, s) z-depth of the input views as a stereo sensor measures it, metres; 0 where it measured
+    nothing. None where there was no such sensor."""
 
     @property
     def has_photos(self) -> bool:
@@ -123,6 +122,7 @@ def without_photos() -> dict[str, Any]:
         "target_cameras": (),
         "depths": np.zeros((0, 0, 0), np.float32),
         "masks": np.zeros((0, 0, 0), np.int8),
+        "stereo": None,
     }
 
 
@@ -233,38 +233,13 @@ def check_record(record: Record, source: str) -> None:
         "widths": (record.labels.widths.shape, (k,)),
         "materials": ((len(record.scene.materials),), (len(record.scene.bodies),)),
     }
+    if record.stereo is not None:
+        expected["stereo"] = (record.stereo.shape, (n, height, width))
     if record.distance is not None:
         expected["distance"] = (record.distance.shape, (resolution,) * 3)
     for name, (shape, wanted) in expected.items():
         if shape != wanted:
             raise InputError(f"{source}: {name} has shape {shape}; it must be {wanted}")
-
-
-def truth_to_bytes(record: Record) -> bytes:
-    """Grids, depths and masks as a compressed npz."""
-    depth = np.where(np.isfinite(record.depths) & (record.depths > 0), record.depths / DEPTH_UNIT, 0)
-    return npz_bytes(
-        tsdf=record.tsdf.astype(np.float16),
-        observed=np.packbits(record.observed),
-        depth=np.clip(np.round(depth), 0, 65535).astype(np.uint16),
-        masks=record.masks.astype(np.int8),
-        **({} if record.distance is None else {"distance": record.distance.astype(np.float16)}),
-    )
-
-
-def truth_from_bytes(data: bytes, source: str) -> dict[str, Any]:
-    """The fields tsdf, observed, depths, masks and distance of a `Record`."""
-    arrays = npz_arrays(data, TRUTH_ARRAYS, source, optional=("distance",))
-    bits = np.unpackbits(arrays["observed"])[: arrays["tsdf"].size].astype(bool)
-    if bits.size != arrays["tsdf"].size:
-        raise InputError(f"{source}: 'observed' has {bits.size} voxels, 'tsdf' {arrays['tsdf'].size}")
-    return {
-        "tsdf": arrays["tsdf"].astype(np.float32),
-        "observed": bits.reshape(arrays["tsdf"].shape),
-        "depths": arrays["depth"].astype(np.float32) * np.float32(DEPTH_UNIT),
-        "masks": arrays["masks"],
-        "distance": arrays["distance"].astype(np.float32) if "distance" in arrays else None,
-    }
 
 
 def _write_files(folder: Path, record: Record) -> None:

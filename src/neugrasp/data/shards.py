@@ -29,12 +29,11 @@ from neugrasp.data.records import (
     Record,
     check_record,
     read_record,
-    truth_from_bytes,
-    truth_to_bytes,
     without_photos,
 )
 from neugrasp.data.strict_json import parse_json, read_json
 from neugrasp.data.trials import trials_from_bytes, trials_to_bytes
+from neugrasp.data.truth_file import truth_from_bytes, truth_to_bytes
 from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.errors import InputError
 from neugrasp.observation import Image
@@ -125,15 +124,13 @@ def _shards(
 
 
 def _light(record: Record) -> Record:
-    """The record without depth and masks, which no loss reads, and with grids in steps of 1/127."""
+    """The record with grids in steps of 1/127, and without depth and masks where no loss reads them: those of
+    depth restoration do, which need stereo depth, too."""
     distance = None if record.distance is None else _rounded(record.distance)
-    return replace(
-        record,
-        depths=np.zeros_like(record.depths),
-        masks=np.zeros_like(record.masks),
-        tsdf=_rounded(record.tsdf),
-        distance=distance,
-    )
+    light = replace(record, tsdf=_rounded(record.tsdf), distance=distance)
+    if record.stereo is not None:
+        return light
+    return replace(light, depths=np.zeros_like(record.depths), masks=np.zeros_like(record.masks))
 
 
 def _rounded(grid: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -266,7 +263,7 @@ def _seen(archive: zipfile.ZipFile, description: dict[str, Any], wanted: PhotosW
     cameras = {"cameras": description["cameras"]}
     if wanted == "all":
         cameras["target_cameras"] = description["target_cameras"]
-    del found["depths"], found["masks"]
+    del found["depths"], found["masks"], found["stereo"]
     return (
         found
         | {name: tuple(camera_from_dict(camera) for camera in some) for name, some in cameras.items()}

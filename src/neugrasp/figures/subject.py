@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from neugrasp.data.records import truth_from_bytes
 from neugrasp.data.scene_folder import read_scene
+from neugrasp.data.truth_file import truth_from_bytes
 from neugrasp.demo.bundled import demo_scenes
 from neugrasp.errors import InputError
 from neugrasp.observation import View, Views
