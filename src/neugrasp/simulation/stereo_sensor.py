@@ -59,8 +59,8 @@ def sensor_around(camera: Camera) -> Camera:
 
 
 def at_pixels_of(camera: Camera, view: DepthView) -> Depth:
-    """The depth of a view from the same place at the nearest pixels (h, w) of `camera`; 0 beside it, and where
-    the crop reaches past the photo."""
+    """The depth of a view from the same place at the nearest pixels (h, w) of `camera`; 0 beside it, and
+    where the crop reaches past the photo."""
     left, top, right, bottom = camera.bounds
     u, v = np.moveaxis(camera.pixel_grid(), -1, 0)
     rays = camera.unproject(camera.pixel_grid(), np.ones((camera.height, camera.width)))
