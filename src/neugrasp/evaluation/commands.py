@@ -40,6 +40,8 @@ class Evaluate:
     """A name of bundled weights, or a file; for vgn, and for an oracle with VGN's head, a .pth of VGN."""
     evaluator: str = "neugrasp"
     """A name of a bundled evaluator of grasps, or a file: what the detectors that have one ask."""
+    restorer: str = "swindr"
+    """A name of bundled weights that restore depth, or a file: what swindr-vgn asks before VGN."""
     hand_check: bool = True
     """Send grasps as deep as the surface lets the hand, and drop those whose hand would meet it, or close
     on nothing. Never for VGN."""
@@ -50,7 +52,7 @@ class Evaluate:
     """Of a pixel of the photos, a power of two, as in `generate`: with one, a round takes less than half the
     time."""
     depth: Literal["exact", "noisy", "stereo"] = "exact"
-    """The depth sensor of vgn; stereo sees glass and steel as such a sensor does."""
+    """The depth sensor of detectors that see depth; stereo sees glass and steel as such a sensor does."""
     gripper: str = "panda"
     """A name of a bundled gripper, or a file."""
     objects: Path | None = None
@@ -86,7 +88,7 @@ class Evaluate:
                 continue
             if field.name == "objects":
                 value = "OBJECTS"
-            elif field.name in ("weights", "gripper", "evaluator"):
+            elif field.name in ("weights", "gripper", "evaluator", "restorer"):
                 value = Path(value).name
             name = field.name.replace("_", "-")
             words += [f"--no-{name}"] if value is False else [f"--{name}", str(value)]

@@ -29,6 +29,7 @@ from neugrasp.training.samples import (
     sample_of,
     truth_of,
     with_depths,
+    with_sensor,
 )
 
 
@@ -110,6 +111,7 @@ class Scenes:
         finds_changes: bool,
         reads_targets: bool = True,
         reads_depths: bool = False,
+        reads_sensor: bool = False,
     ):
         self.places = tuple(places)
         """The folder and index of each scene."""
@@ -121,6 +123,8 @@ class Scenes:
         """Whether the views that losses compare with are wanted; else there are none."""
         self.reads_depths = reads_depths
         """Whether the true depths of the input views are wanted."""
+        self.reads_sensor = reads_sensor
+        """Whether what a stereo sensor measured is wanted; scenes without it are refused then."""
         self.photographed = tuple(i for i, (records, at) in enumerate(self.places) if records.has_photos(at))
         """Indices of the scenes with photos."""
         self.workspace = self._read(0, "none").workspace if self.places else USUAL
@@ -138,6 +142,8 @@ class Scenes:
         groups = tuple(prepared[: len(inputs)]), tuple(prepared[len(inputs) :])
         if self.reads_depths:
             groups = tuple(with_depths(record, groups[0])), groups[1]
+        if self.reads_sensor:
+            groups = tuple(with_sensor(record, groups[0])), groups[1]
         return sample_of(record, groups, self.workspace, rng)
 
     def truth(self, index: int, symmetry: Symmetry) -> Truth:

@@ -51,6 +51,8 @@ class NetworkSpec:
     """Network, held-out scenes, configuration, steps done, folder for pictures -> scores by name."""
     compares: bool = True
     """Whether its losses ask what changed against the empty table."""
+    measures: bool = False
+    """Whether it reads what a stereo sensor measured: scenes of `neugrasp generate --stereo`."""
 
 
 def network_spec(name: str) -> NetworkSpec:

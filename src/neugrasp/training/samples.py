@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from neugrasp.data.records import Record
+from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.sampling import CameraTensors
 from neugrasp.geometry.symmetry import Symmetry
@@ -56,6 +57,20 @@ class Truth:
 
 
 @dataclass(frozen=True)
+class Sensor:
+    """What a stereo sensor measured where photos were taken."""
+
+    measured: Tensor
+    """(n, s, s) z-depth, metres, 0 where nothing was measured."""
+    objects: Tensor
+    """(n, s, s) bool: pixels of objects."""
+
+    def to(self, device: torch.device | str) -> Sensor:
+        """The same on another device."""
+        return Sensor(self.measured.to(device), self.objects.to(device))
+
+
+@dataclass(frozen=True)
 class Photos:
     """Photos with the labels of what changed in them."""
 
@@ -65,11 +80,14 @@ class Photos:
     depths: Tensor | None = None
     """(n, s, s) true z-depths, metres, 0 where there is no surface, of photos for which they are known: what
     supervision by depth reads."""
+    sensor: Sensor | None = None
+    """Where it is asked for."""
 
     def to(self, device: torch.device | str) -> Photos:
         """The same photos on another device."""
         depths = None if self.depths is None else self.depths.to(device)
-        return Photos(self.views.to(device), self.changes.to(device), depths)
+        sensor = None if self.sensor is None else self.sensor.to(device)
+        return Photos(self.views.to(device), self.changes.to(device), depths, sensor)
 
 
 @dataclass(frozen=True)
@@ -96,6 +114,8 @@ class PreparedView:
     """(s, s) int8 of `change_labels`."""
     depth: np.ndarray | None = None
     """(s, s) as in `Photos`."""
+    sensed: tuple[np.ndarray, np.ndarray] | None = None
+    """(s, s) each, as in `Sensor`."""
 
 
 def crop_views(record: Record, workspace: Workspace, size: int) -> tuple[tuple[View, ...], tuple[View, ...]]:
@@ -126,6 +146,22 @@ def with_depths(record: Record, inputs: Iterable[PreparedView]) -> Iterable[Prep
     """The prepared input views of a record with their true depths."""
     for view, photo, depth in zip(inputs, record.cameras, record.depths, strict=True):
         yield replace(view, depth=depth_through(view.view.camera, photo, depth))
+
+
+def with_sensor(record: Record, inputs: Iterable[PreparedView]) -> Iterable[PreparedView]:
+    """The prepared input views of a record with what a stereo sensor measured.
+
+    Raises `InputError` where there was none.
+    """
+    if record.stereo is None:
+        raise InputError(
+            f"{record.name}: holds no depth of a stereo sensor, which this recipe learns from; "
+            "`neugrasp generate --stereo` makes scenes that do"
+        )
+    for view, photo, depth, mask in zip(inputs, record.cameras, record.stereo, record.masks, strict=True):
+        camera = view.view.camera
+        objects = depth_through(camera, photo, mask) > 0
+        yield replace(view, sensed=(depth_through(camera, photo, depth), objects))
 
 
 def sample_of(
@@ -171,12 +207,15 @@ def drop_views(photos: Photos, keep: list[int]) -> Photos:
         ViewTensors(views.images[keep], views.backgrounds[keep], views.cameras.select(keep)),
         photos.changes[keep],
         None if photos.depths is None else photos.depths[keep],
+        None if photos.sensor is None else Sensor(photos.sensor.measured[keep], photos.sensor.objects[keep]),
     )
 
 
 def _photos(prepared: tuple[PreparedView, ...], symmetry: Symmetry, workspace: Workspace) -> Photos:
     views = [one.view for one in prepared]
-    depths = [one.depth for one in prepared if one.depth is not None]
+    depths = [symmetry.of_image(one.depth) for one in prepared if one.depth is not None]
+    sensed = [[symmetry.of_image(each) for each in one.sensed] for one in prepared if one.sensed is not None]
+    measured = [torch.from_numpy(np.stack(each)) for each in zip(*sensed, strict=True)]
     return Photos(
         ViewTensors(
             to_tensor([symmetry.of_image(view.image) for view in views]),
@@ -184,7 +223,8 @@ def _photos(prepared: tuple[PreparedView, ...], symmetry: Symmetry, workspace: W
             CameraTensors.of([symmetry.of_camera(view.camera, workspace) for view in views]),
         ),
         torch.from_numpy(np.stack([symmetry.of_image(one.changes) for one in prepared])),
-        torch.from_numpy(np.stack([symmetry.of_image(depth) for depth in depths])) if depths else None,
+        torch.from_numpy(np.stack(depths)) if depths else None,
+        Sensor(*measured) if measured else None,
     )
 
 
@@ -209,6 +249,7 @@ def _jitter(groups: list[Photos], rng: np.random.Generator) -> list[Photos]:
             ),
             group.changes,
             group.depths,
+            group.sensor,
         )
         for group in groups
     ]

@@ -218,11 +218,12 @@ def _open_data(run: Train, config: TrainConfig, spec: NetworkSpec) -> tuple[Scen
         places = [place for index, place in enumerate(places) if index % HELD_OUT != HELD_OUT - 1]
     size, weights = config.model.image_size, config.weights
     finds_changes = spec.compares and weights.finds_changes
-    scenes = Scenes(places, size, finds_changes, weights.finds_changes, reads_depths=bool(weights.depth))
+    depths = {"reads_depths": bool(weights.depth), "reads_sensor": spec.measures}
+    scenes = Scenes(places, size, finds_changes, weights.finds_changes, **depths)
     if config.steps > config.head_steps and not scenes.photographed:
         names = ", ".join(map(str, run.data))
         raise InputError(f"{names}: no scene has photos; recipe {run.recipe} needs some, head none")
-    return scenes, _HeldOut(Scenes(held, size, finds_changes), config)
+    return scenes, _HeldOut(Scenes(held, size, finds_changes, **depths), config)
 
 
 def _places(folder: Path) -> list[tuple[Records, int]]:
