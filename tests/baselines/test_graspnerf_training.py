@@ -23,7 +23,7 @@ from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.run import evaluate
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.model.checkpoint import load_network, notes_of, save_checkpoint
+from neugrasp.model.checkpoint import load_network, notes_of, save_checkpoint, ship_checkpoint
 from neugrasp.observation import DepthView, Frame, Observation, Views
 from neugrasp.training.command import Train
 from neugrasp.training.recipes import recipe
@@ -97,6 +97,18 @@ def test_it_goes_on_from_its_own_weights_only(data: Path, weights: Path, tmp_pat
     wider = replace(still, model=replace(still.model, hidden_dim=32))  # type: ignore[type-var]
     with pytest.raises(InputError, match="configured differently"):
         train(replace(run, out=tmp_path / "wider"), config=wider)
+
+
+def test_weights_are_shipped_in_half_the_size(weights: Path, tmp_path: Path):
+    shipped = tmp_path / "shipped.safetensors"
+    assert ship_checkpoint(weights, shipped, 0.7) == {"recipe": "graspnerf-tsdf", "threshold": 0.7}
+    assert notes_of(shipped, "graspnerf")["threshold"] == 0.7
+    first, second = (
+        load_network(path, "graspnerf", GraspNerfConfig, GraspNerf) for path in (weights, shipped)
+    )
+    assert first.config == second.config
+    for one, other in zip(first.parameters(), second.parameters(), strict=True):
+        torch.testing.assert_close(one, other, atol=1e-3, rtol=1e-3)
 
 
 def test_weights_are_read_back(weights: Path):

@@ -77,6 +77,9 @@ class Record:
     stereo: NDArray[np.float32] | None = None
     """(n, s, s) z-depth of the input views as a stereo sensor measures it, metres; 0 where it measured
     nothing. None where there was no such sensor."""
+    fused: NDArray[np.float32] | None = None
+    """(g, r, r, r) grids as VGN reads them (`geometry.fusion.vgn_grid`), each of a few views of its own.
+    None where nobody asked for them: benchmarks/add_fused.py adds them."""
 
     @property
     def has_photos(self) -> bool:
@@ -237,6 +240,8 @@ def check_record(record: Record, source: str) -> None:
         expected["stereo"] = (record.stereo.shape, (n, height, width))
     if record.distance is not None:
         expected["distance"] = (record.distance.shape, (resolution,) * 3)
+    if record.fused is not None:
+        expected["fused"] = (record.fused.shape[1:], (resolution,) * 3)
     for name, (shape, wanted) in expected.items():
         if shape != wanted:
             raise InputError(f"{source}: {name} has shape {shape}; it must be {wanted}")

@@ -12,9 +12,12 @@ from neugrasp.errors import InputError
 
 DEPTH_UNIT = 1e-4
 """Metres that one step of a stored depth stands for; 0 is no surface."""
-TRUTH_ARRAYS = {"tsdf": "f", "observed": "u", "depth": "u", "masks": "i", "distance": "f", "stereo": "u"}
-"""Arrays of truth.npz and their kinds (`npz_arrays`); older records lack the distance, and stereo
-is there where it was asked for."""
+TRUTH_ARRAYS = {
+    "tsdf": "f", "observed": "u", "depth": "u", "masks": "i", "distance": "f", "stereo": "u", "fused": "f",
+}  # fmt: skip
+OPTIONAL = ("distance", "stereo", "fused")
+"""Arrays of truth.npz and their kinds (`npz_arrays`). Older records lack the distance; stereo and fused are
+there where they were asked for."""
 
 
 def truth_to_bytes(record: Any) -> bytes:
@@ -26,6 +29,7 @@ def truth_to_bytes(record: Any) -> bytes:
         masks=record.masks.astype(np.int8),
         **({} if record.distance is None else {"distance": record.distance.astype(np.float16)}),
         **({} if record.stereo is None else {"stereo": _depth_steps(record.stereo)}),
+        **({} if record.fused is None else {"fused": record.fused.astype(np.float16)}),
     )
 
 
@@ -40,8 +44,8 @@ def _metres(steps: NDArray[np.uint16]) -> NDArray[np.float32]:
 
 
 def truth_from_bytes(data: bytes, source: str) -> dict[str, Any]:
-    """The fields tsdf, observed, depths, masks, distance and stereo of a `Record`."""
-    arrays = npz_arrays(data, TRUTH_ARRAYS, source, optional=("distance", "stereo"))
+    """The fields tsdf, observed, depths, masks, distance, stereo and fused of a `Record`."""
+    arrays = npz_arrays(data, TRUTH_ARRAYS, source, optional=OPTIONAL)
     bits = np.unpackbits(arrays["observed"])[: arrays["tsdf"].size].astype(bool)
     if bits.size != arrays["tsdf"].size:
         raise InputError(f"{source}: 'observed' has {bits.size} voxels, 'tsdf' {arrays['tsdf'].size}")
@@ -52,4 +56,5 @@ def truth_from_bytes(data: bytes, source: str) -> dict[str, Any]:
         "masks": arrays["masks"],
         "distance": arrays["distance"].astype(np.float32) if "distance" in arrays else None,
         "stereo": _metres(arrays["stereo"]) if "stereo" in arrays else None,
+        "fused": arrays["fused"].astype(np.float32) if "fused" in arrays else None,
     }

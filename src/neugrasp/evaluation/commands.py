@@ -20,8 +20,8 @@ class Evaluate:
     out: Path
     """Where metrics.json, attempts.jsonl and rounds/ are written."""
     detector: str = "neugrasp"
-    """neugrasp, vgn, or one of your own by name or as package.module:NAME (docs/benchmark.md); oracle and
-    antipodal are told the true surface: measuring sticks, no detectors."""
+    """neugrasp, vgn, graspnerf, graspnerf-tsdf, or one of your own by name or as package.module:NAME
+    (docs/benchmark.md); oracle and antipodal are told the true surface: measuring sticks, no detectors."""
     scene: Literal["packed", "pile", "single"] = "packed"
     """How the objects lie."""
     materials: Literal["transparent-specular", "diffuse", "mixed", "specular", "transparent"] = (
@@ -37,7 +37,8 @@ class Evaluate:
     protocol: str = "paper"
     """paper, vgn or graspnerf: what counts as a success, and out of what (docs/benchmark.md)."""
     weights: str = "neugrasp"
-    """A name of bundled weights, or a file; for vgn, and for an oracle with VGN's head, a .pth of VGN."""
+    """A name of bundled weights, or a file; by default the detector's own. vgn, and an oracle with VGN's
+    head, take a .pth of VGN, too."""
     evaluator: str = "neugrasp"
     """A name of a bundled evaluator of grasps, or a file: what the detectors that have one ask."""
     restorer: str = "swindr"

@@ -71,6 +71,17 @@ def save_checkpoint(
     write_weights(path, FORMAT, model.state_dict(), asdict(model.config), model.workspace, about, half, named)
 
 
+def ship_checkpoint(trained: Path, shipped: Path, threshold: float) -> dict[str, Any]:
+    """Writes weights of whatever network once more, in float16, with the threshold of scores that they are
+    used with; what is noted with them now. Raises as `load_checkpoint`."""
+    metadata, tensors = read_weights(trained, FORMAT, "NeuGrasp weights")
+    about = {**_checked_about(_about(trained, metadata)), "threshold": threshold}
+    more = {name: metadata[name] for name in ("network",) if name in metadata}
+    config, workspace = described(trained, metadata, "config").data, workspace_from(trained, metadata)
+    write_weights(shipped, FORMAT, tensors, config, workspace, about, half=True, more=more)
+    return about
+
+
 def shipped_weights() -> dict[str, Path]:
     """The weights that come with the package, by name."""
     folder = Path(str(resources.files("neugrasp"))) / "weights"

@@ -26,7 +26,7 @@ class Train:
     validation: tuple[Path, ...] = ()
     """Folders to validate on; without any, every twentieth scene is kept aside."""
     init: str | None = None
-    """Weights to start from, by name or file; of another network than the recipe's, only the grasp head is
+    """Weights to start from, by name or file; of NeuGrasp of other sizes than the recipe's, only the grasp head is
     taken."""
     device: str = "cpu"
     """Where to compute: cpu, cuda, cuda:1."""

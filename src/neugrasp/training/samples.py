@@ -49,11 +49,13 @@ class Truth:
     """(r, r, r) bool."""
     distance: Tensor | None = None
     """(r, r, r) signed distance of the meshes, where the record has it: what geometry supervision reads."""
+    fused: Tensor | None = None
+    """(g, r, r, r) grids fused from few views, in [0, 1], where the record has them: what VGN reads."""
 
     def to(self, device: torch.device | str) -> Truth:
         """The same truth on another device."""
-        distance = None if self.distance is None else self.distance.to(device)
-        return Truth(self.labels.to(device), self.tsdf.to(device), self.observed.to(device), distance)
+        some = [None if grid is None else grid.to(device) for grid in (self.distance, self.fused)]
+        return Truth(self.labels.to(device), self.tsdf.to(device), self.observed.to(device), *some)
 
 
 @dataclass(frozen=True)
@@ -197,6 +199,9 @@ def truth_of(record: Record, symmetry: Symmetry, workspace: Workspace) -> Truth:
         torch.from_numpy(symmetry.of_grid(record.tsdf.astype(np.float32))),
         torch.from_numpy(symmetry.of_grid(record.observed)),
         None if record.distance is None else torch.from_numpy(symmetry.of_grid(record.distance)),
+        None
+        if record.fused is None
+        else torch.from_numpy(np.stack(list(map(symmetry.of_grid, record.fused)))),
     )
 
 

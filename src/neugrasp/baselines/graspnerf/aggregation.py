@@ -103,8 +103,9 @@ class Aggregation(nn.Module):
         each, visible = self._each_view(at, seen)
         shares = _shared(visible)
         mean, variance = weighted_moments(each, shares)
-        about_centre = at.points.flatten(0, 1) - at.points.new_tensor(workspace.centre)
-        told = [mean, variance, shares.mean(0), position_encoding(about_centre)]
+        # The original takes metres, in which the table is a step that takes long to learn.
+        place = position_encoding(workspace.to_unit(at.points.flatten(0, 1)))
+        told = [mean, variance, shares.mean(0), place]
         x = self.geometry(torch.cat(told, dim=-1)).unflatten(0, at.points.shape[:2])
         x = self.attention(x + order.to(x.dtype), at.num_seen > 1)
         sdf = self.distance(x).squeeze(-1).float()
