@@ -10,13 +10,13 @@ import argparse
 import sys
 from pathlib import Path
 
-from neugrasp.model.checkpoint import load_checkpoint, save_checkpoint
+from neugrasp.model.checkpoint import ship_checkpoint
 from neugrasp.model.evaluator_file import load_evaluator, save_evaluator
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Writes trained weights as they are shipped.")
-    parser.add_argument("trained", type=Path, help="what `neugrasp train` wrote")
+    parser.add_argument("trained", type=Path, help="what `neugrasp train` wrote, of any network")
     parser.add_argument("shipped", type=Path, help="the file to write")
     parser.add_argument("--threshold", type=float, required=True, help="of scores, 0 to 1")
     parser.add_argument("--evaluator", action="store_true", help="what `neugrasp train-evaluator` wrote")
@@ -28,9 +28,7 @@ def main() -> None:
         about = {**taught.about, "threshold": options.threshold}
         save_evaluator(options.shipped, taught.model(), taught.workspace, about, half=True)
     else:
-        trained = load_checkpoint(options.trained)
-        about = {**trained.about, "threshold": options.threshold}
-        save_checkpoint(options.shipped, trained.model(), about, half=True)
+        about = ship_checkpoint(options.trained, options.shipped, options.threshold)
     sys.stdout.write(f"{options.shipped}: {options.shipped.stat().st_size / 1e6:.1f} MB, {about}\n")
 
 

@@ -39,6 +39,7 @@ NEIGHBOURS = {
     ("simulation", "data"),
     ("training", "detection"),
     ("baselines", "detection"),
+    ("baselines", "training"),
 }
 """(importer, imported) pairs within one layer. Simulation and learning meet in `data` only."""
 FROM_STRANGERS = {"neugrasp.data.user_files", "neugrasp.data.strict_json", "neugrasp.data.fields"}

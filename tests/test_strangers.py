@@ -301,7 +301,7 @@ def test_what_a_shard_says_of_a_record(examples: int, record: Path, tmp_path: Pa
 @many
 def test_arrays(examples: int):
     made = ball_record(size=32)
-    labels, truth = labels_to_bytes(made.labels), truth_to_bytes(made.truth, made.depths, made.masks)
+    labels, truth = labels_to_bytes(made.labels), truth_to_bytes(made.truth, made.stereo)
     fuzz(lambda data: labels_from_bytes(data, "grasps.npz"), damaged_bytes(labels), examples)
     fuzz(lambda data: truth_from_bytes(data, "truth.npz"), damaged_bytes(truth), examples)
 

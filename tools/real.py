@@ -28,7 +28,7 @@ from scipy.spatial import cKDTree
 
 from judge import NUM_POINTS, Judge
 from measured import Meshes, RealScene, Thing
-from neugrasp.baselines.vgn import VgnDetector, load_vgn_head
+from neugrasp.baselines.vgn import VgnDetector, VgnHead
 from neugrasp.detection.contract import Detection
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
@@ -193,7 +193,7 @@ def score(args: argparse.Namespace) -> dict[str, dict[str, Any]]:
         raise InputError(f"{args.dir}: holds no folder with a ground_truth.json")
     gripper = Gripper.load("panda")
     detector = NeuGraspDetector.load(args.weights)
-    vgn = VgnDetector(load_vgn_head(args.vgn), gripper) if args.vgn else None
+    vgn = VgnDetector(VgnHead.load(str(args.vgn)), gripper) if args.vgn else None
     results: dict[str, dict[str, Any]] = defaultdict(dict)
     with TemporaryDirectory() as temporary:
         meshes = Meshes(args.dir / "objects", Path(temporary))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import TypeVar
 
 import numpy as np
@@ -164,6 +164,17 @@ def with_backgrounds(seen: Observation) -> Views:
     return Views(_narrowed(seen, View, {"image", "background"}), seen.workspace, seen.source)
 
 
+def with_photos(seen: Observation) -> Views:
+    """The observation as `Views` for those who never read backgrounds: where there are none, each photo
+    stands for its own. Raises `InputError` where photos are missing."""
+    if missing := {"image"} - seen.channels:
+        raise _lacking(seen, missing)
+    if "background" in seen.channels:
+        return with_backgrounds(seen)
+    frames = tuple(replace(frame, background=frame.image) for frame in seen.frames)
+    return with_backgrounds(replace(seen, frames=frames))
+
+
 def with_depth(seen: Observation) -> DepthViews:
     """The observation as `DepthViews`. Raises `InputError` where depth images are missing."""
     if isinstance(seen, DepthViews):
@@ -172,14 +183,17 @@ def with_depth(seen: Observation) -> DepthViews:
 
 
 def _narrowed(seen: Observation, kind: type[Narrow], needed: set[str]) -> tuple[Narrow, ...]:
-    missing = needed - seen.channels
-    if missing:
-        raise InputError(
-            f"{seen.source or 'the observation'}: has {_words(seen.channels)}, and no {_words(missing)}; "
-            "this detector needs it"
-        )
+    if missing := needed - seen.channels:
+        raise _lacking(seen, missing)
     names = [one.name for one in fields(Frame)]
     return tuple(kind(**{name: getattr(frame, name) for name in names}) for frame in seen.frames)
+
+
+def _lacking(seen: Observation, missing: set[str]) -> InputError:
+    return InputError(
+        f"{seen.source or 'the observation'}: has {_words(seen.channels)}, and no {_words(missing)}; "
+        "this detector needs it"
+    )
 
 
 def _small(image: Image) -> Image:

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from neugrasp.baselines.depth_noise import NoisyDepth
-from neugrasp.baselines.vgn import PUBLIC_NAMES, VgnDetector, load_vgn_head, vgn_selection
+from neugrasp.baselines.vgn import PUBLIC_NAMES, VgnDetector, VgnHead, load_vgn_head, vgn_selection
 from neugrasp.detection.decode import SelectionConfig
 from neugrasp.errors import InputError
 from neugrasp.geometry.fusion import Tsdf
@@ -92,7 +92,7 @@ def test_index_i_is_the_position_i_times_the_voxel_size(workspace: Workspace):
     values = (height / workspace.truncation).clip(-1, 1).astype(np.float32)
     gripper = Gripper.load("panda")
     chosen, grid = vgn_selection(
-        head,
+        VgnHead(head, is_public=True),
         Tsdf(values, np.ones_like(values)),
         workspace,
         gripper,
@@ -113,7 +113,7 @@ def test_grasps_come_back_in_the_users_world(workspace: Workspace, rng: np.rando
     cameras = view_set("hemisphere6", workspace, rng)
     depths = [plane_depth(c, workspace.centre, 1.2).astype(np.float32) for c in cameras]
     head = OneVoxel((18, 22, 10), to_quaternion(rigid(rotation_about((1, 0, 0), np.pi))))
-    detector = VgnDetector(head, Gripper.load("panda"))  # type: ignore[arg-type]
+    detector = VgnDetector(VgnHead(head, is_public=True), Gripper.load("panda"))  # type: ignore[arg-type]
     moved = rigid(rotation_about((0.2, 0.1, 1), 0.7), (1.0, -2.0, 0.3))
     elsewhere = replace(workspace, world_from_workspace=moved)
     here = DepthViews(tuple(DepthView(c, depth=d) for d, c in zip(depths, cameras, strict=True)), workspace)

@@ -21,8 +21,8 @@ from neugrasp.observation import Views
 from neugrasp.training.command import Train
 from neugrasp.training.config import TrainConfig
 from neugrasp.training.dataset import Scenes
+from neugrasp.training.prepared import lent
 from neugrasp.training.recipes import adapt, configured, tiny
-from neugrasp.training.samples import lent
 from neugrasp.training.split import split
 from neugrasp.training.trainer import train
 

@@ -13,8 +13,9 @@ from safetensors.torch import load_file
 from neugrasp.data.records import write_record
 from neugrasp.model.network import NeuGrasp
 from neugrasp.training.command import Train
+from neugrasp.training.prepared import PreparedView, crop_views
 from neugrasp.training.recipes import RECIPES, tiny
-from neugrasp.training.samples import PreparedView, crop_views, sample_of
+from neugrasp.training.samples import sample_of
 from neugrasp.training.state import Learner
 from neugrasp.training.trainer import train
 

@@ -8,7 +8,8 @@ from scipy import ndimage
 
 from neugrasp.change import OBJECT, TABLE, change_labels
 from neugrasp.data.records import Record
-from neugrasp.training.samples import PreparedView, Sample, crop_views, drop_views, sample_of
+from neugrasp.training.prepared import PreparedView, crop_views
+from neugrasp.training.samples import Sample, drop_views, sample_of
 
 
 def sample(record: Record, size: int = 64, seed: int | None = None) -> Sample:

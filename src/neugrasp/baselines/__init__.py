@@ -1,4 +1,4 @@
-"""What others do with depth, in our own code: VGN, stereo matching, antipodal grasps.
+"""What others do with depth, in our own code: VGN, antipodal grasps.
 
 A baseline is a detector like any other and may import `detection`; nothing imports a baseline but what
 evaluates. Another system to compare with goes here, with a line in the entry points of pyproject.toml.

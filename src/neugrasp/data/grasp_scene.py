@@ -18,13 +18,23 @@ from neugrasp.observation import Views
 
 @dataclass(frozen=True)
 class SceneTruth:
-    """The surface itself, which only a simulator knows. Grids (r, r, r) are indexed [x, y, z]."""
+    """What only a simulator knows: the surface, and the depth of the photos.
+
+    Grids (r, r, r) are indexed [x, y, z].
+    """
 
     tsdf: NDArray[np.float32]
     """Fused from depth images of many views, in [-1, 1]; -1 where not observed."""
     observed: NDArray[np.bool_]
     distance: NDArray[np.float32] | None = None
     """Signed distance of the meshes, in units of the truncation, in [-1, 1]; None where it was not stored."""
+    fused: NDArray[np.float32] | None = None
+    """(g, r, r, r) grids as VGN reads them (`geometry.fusion.vgn_grid`), each of a few views of its own; None
+    where nobody asked for them."""
+    depths: NDArray[np.float32] | None = None
+    """(n, s, s) z-depth of the input views, metres; 0 where there is no surface."""
+    masks: NDArray[np.int8] | None = None
+    """(n, s, s) of the input views: -1 nothing, 0 table, i + 1 body i."""
 
 
 @dataclass(frozen=True)
@@ -41,3 +51,6 @@ class GraspScene:
     """Photos that are never an input, for losses to compare with. A scene with `views` alone lends some of
     them (`training/samples.py`)."""
     truth: SceneTruth | None = None
+    stereo: NDArray[np.float32] | None = None
+    """(n, s, s) z-depth of the input views as a stereo sensor measured it, metres; 0 where it measured
+    nothing. None where there was no such sensor."""

@@ -107,15 +107,13 @@ def _shards(
 
 
 def _light(record: Record) -> Record:
-    """The record without depth and masks, which no loss reads, and with grids in steps of 1/127."""
+    """The record with grids in steps of 1/127, and without depth and masks where no loss reads them: those of
+    depth restoration do, which need stereo depth, too."""
     distance = None if record.distance is None else _rounded(record.distance)
-    return replace(
-        record,
-        depths=np.zeros_like(record.depths),
-        masks=np.zeros_like(record.masks),
-        tsdf=_rounded(record.tsdf),
-        distance=distance,
-    )
+    light = replace(record, tsdf=_rounded(record.tsdf), distance=distance)
+    if record.stereo is not None:
+        return light
+    return replace(light, depths=np.zeros_like(record.depths), masks=np.zeros_like(record.masks))
 
 
 def _rounded(grid: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -139,7 +137,7 @@ def _members(record: Record, quality: int | None) -> dict[str, bytes]:
         **pictures,
     }
     members[f"{record.name}/record.json"] = json.dumps(description).encode()
-    members[f"{record.name}/truth.npz"] = truth_to_bytes(record.truth, record.depths, record.masks)
+    members[f"{record.name}/truth.npz"] = truth_to_bytes(record.truth, record.stereo)
     members[f"{record.name}/grasps.npz"] = labels_to_bytes(record.labels)
     if record.trials is not None:
         members[f"{record.name}/{TRIALS_FILE}"] = trials_to_bytes(record.trials)

@@ -75,6 +75,12 @@ class Record:
     None in records of before it was stored."""
     trials: Trials | None = None
     """All grasps that were executed, those behind the labels among them; None where they were not kept."""
+    stereo: NDArray[np.float32] | None = None
+    """(n, s, s) z-depth of the input views as a stereo sensor measures it, metres; 0 where it measured
+    nothing. None where there was no such sensor."""
+    fused: NDArray[np.float32] | None = None
+    """(g, r, r, r) grids as VGN reads them (`geometry.fusion.vgn_grid`), each of a few views of its own.
+    None where nobody asked for them: benchmarks/add_fused.py adds them."""
 
     @property
     def has_photos(self) -> bool:
@@ -112,8 +118,8 @@ class Record:
 
     @property
     def truth(self) -> SceneTruth:
-        """Its surface."""
-        return SceneTruth(self.tsdf, self.observed, self.distance)
+        """What the simulator knows of its surface and photos."""
+        return SceneTruth(self.tsdf, self.observed, self.distance, self.fused, self.depths, self.masks)
 
     def grasp_scene(self) -> GraspScene:
         """What of it training may know."""
@@ -124,6 +130,7 @@ class Record:
             views=self.views() if self.has_photos else None,
             targets=self.target_views() if len(self.targets) else None,
             truth=self.truth,
+            stereo=self.stereo,
         )
 
 
@@ -136,6 +143,7 @@ def without_photos() -> dict[str, Any]:
         "target_cameras": (),
         "depths": np.zeros((0, 0, 0), np.float32),
         "masks": np.zeros((0, 0, 0), np.int8),
+        "stereo": None,
     }
 
 
@@ -246,6 +254,10 @@ def check_record(record: Record, source: str) -> None:
         "widths": (record.labels.widths.shape, (k,)),
         "materials": ((len(record.scene.materials),), (len(record.scene.bodies),)),
     }
+    if record.stereo is not None:
+        expected["stereo"] = (record.stereo.shape, (n, height, width))
+    if record.fused is not None:
+        expected["fused"] = (record.fused.shape[1:], (resolution,) * 3)
     if record.distance is not None:
         expected["distance"] = (record.distance.shape, (resolution,) * 3)
     for name, (shape, wanted) in expected.items():
@@ -261,7 +273,7 @@ def _write_files(folder: Path, record: Record) -> None:
     (folder / "cell.json").write_text(
         json.dumps(record.cell, indent=1, sort_keys=True) + "\n", encoding="utf-8"
     )
-    (folder / "truth.npz").write_bytes(truth_to_bytes(record.truth, record.depths, record.masks))
+    (folder / "truth.npz").write_bytes(truth_to_bytes(record.truth, record.stereo))
     (folder / "grasps.npz").write_bytes(labels_to_bytes(record.labels))
     if record.trials is not None:
         (folder / TRIALS_FILE).write_bytes(trials_to_bytes(record.trials))

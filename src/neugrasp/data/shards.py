@@ -28,11 +28,11 @@ from neugrasp.data.records import (
     PhotosWanted,
     Record,
     check_record,
-    truth_from_bytes,
     without_photos,
 )
 from neugrasp.data.strict_json import parse_json, read_json
 from neugrasp.data.trials import trials_from_bytes
+from neugrasp.data.truth_file import truth_from_bytes
 from neugrasp.data.world import camera_from_dict, scene_from_json
 from neugrasp.errors import InputError
 from neugrasp.observation import Image
@@ -148,7 +148,7 @@ def _seen(archive: zipfile.ZipFile, description: dict[str, Any], wanted: PhotosW
     cameras = {"cameras": description["cameras"]}
     if wanted == "all":
         cameras["target_cameras"] = description["target_cameras"]
-    del found["depths"], found["masks"]
+    del found["depths"], found["masks"], found["stereo"]
     return (
         found
         | {name: tuple(camera_from_dict(camera) for camera in some) for name, some in cameras.items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,10 @@ from neugrasp.detection.judge import Judge, judge_facts
 from neugrasp.detection.options import DetectorOptions
 from neugrasp.detection.registry import PHOTOS, DetectorSpec, weights_facts
 from neugrasp.errors import InputError
+from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasps
 from neugrasp.gripper import Gripper
-from neugrasp.model.checkpoint import Checkpoint, find_weights, load_checkpoint
+from neugrasp.model.checkpoint import find_weights, load_checkpoint
 from neugrasp.model.compute import Compute
 from neugrasp.model.inputs import ViewTensors, prepare
 from neugrasp.model.network import NeuGrasp
@@ -80,7 +82,7 @@ class NeuGraspDetector:
             judge = Judge.load(evaluator, gripper, checkpoint.workspace, threshold)
             selection = SelectionConfig(threshold=HINTS)
             return cls(checkpoint.model(), hand, selection, device, precision, judge)
-        threshold = threshold_of(checkpoint, threshold)
+        threshold = threshold_of(checkpoint.about, threshold)
         selection = SelectionConfig(threshold=threshold, hand=HandCheck(hand) if hand_check else None)
         return cls(checkpoint.model(), hand, selection, device, precision)
 
@@ -119,11 +121,7 @@ class NeuGraspDetector:
         workspace is another cube than the network was trained for.
         """
         views = with_backgrounds(seen)
-        if views.workspace.cube != self.model.workspace.cube:
-            raise InputError(
-                f"the scene's workspace is {views.workspace.describe()}; these weights were trained for "
-                f"{self.model.workspace.describe()}, and see nothing else"
-            )
+        check_cube(views.workspace, self.model.workspace)
         watch, device = Stopwatch(), self.compute.device
         with watch.stage("prepare"):
             inputs = prepare(views, self.model.config.image_size).to(device)
@@ -160,21 +158,36 @@ class NeuGraspDetector:
         return cached[1]
 
 
-def threshold_of(checkpoint: Checkpoint, threshold: float | None) -> float:
+def check_cube(workspace: Workspace, trained: Workspace) -> None:
+    """Raises `InputError` where a scene's cube is not the one that weights were trained for."""
+    if workspace.cube != trained.cube:
+        raise InputError(
+            f"the scene's workspace is {workspace.describe()}; these weights were trained for "
+            f"{trained.describe()}, and see nothing else"
+        )
+
+
+def threshold_of(about: Mapping[str, Any], threshold: float | None) -> float:
     """The quality from which a grasp is one: as given, else as noted with the weights, else the paper's."""
     if threshold is not None:
         return threshold
-    return float(checkpoint.about.get("threshold", SelectionConfig.threshold))
+    return float(about.get("threshold", SelectionConfig.threshold))
 
 
 def facts_of(options: DetectorOptions) -> dict[str, Any]:
     """Name, hash and threshold of the weights, how they were trained as far as they know, and whether the
     hand was checked."""
     checkpoint = load_checkpoint(options.weights)
-    told = ("recipe", "steps", "scenes")
-    trained = {name: checkpoint.about[name] for name in told if name in checkpoint.about}
-    file = weights_facts(find_weights(options.weights), threshold_of(checkpoint, options.threshold))
-    cube = checkpoint.workspace.unusual()
+    return noted_facts(find_weights(options.weights), checkpoint.about, checkpoint.workspace, options)
+
+
+def noted_facts(
+    path: Path, about: Mapping[str, Any], workspace: Workspace, options: DetectorOptions
+) -> dict[str, Any]:
+    """The same of a weights file of any network."""
+    trained = {name: about[name] for name in ("recipe", "steps", "scenes") if name in about}
+    file = weights_facts(path, threshold_of(about, options.threshold))
+    cube = workspace.unusual()
     asked = {"workspace": cube} if cube else {}
     return {**file, "trained": trained, "hand_check": options.hand_check, **asked}
 

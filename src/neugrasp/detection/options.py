@@ -24,6 +24,8 @@ class DetectorOptions:
     """Whether grasps go as deep as the surface lets the hand, and are dropped where it would meet it."""
     evaluator: str = "neugrasp"
     """A name of a bundled evaluator of grasps, or a file: what the detectors that have one ask."""
+    restorer: str = "swindr"
+    """A name of bundled weights that restore depth, or a file: what swindr-vgn asks before VGN."""
     seed: int = 0
     """Of detectors that draw random numbers."""
     device: str = "cpu"

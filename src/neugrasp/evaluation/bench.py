@@ -24,7 +24,7 @@ from neugrasp.gripper import Gripper
 from neugrasp.robot.interface import Camera, Robot
 from neugrasp.robot.simulated import SimulatedRobot
 from neugrasp.robot.simulated_cameras import DepthCamera, PhotoCamera, RgbdCamera, TruthCamera
-from neugrasp.robot.simulated_stereo import StereoCamera
+from neugrasp.robot.simulated_stereo import StereoCamera, StereoRgbdCamera
 from neugrasp.simulation.cell_photos import Photographer, backgrounds
 from neugrasp.simulation.objects import ObjectLibrary, ObjectModel
 from neugrasp.simulation.physics import World
@@ -120,6 +120,8 @@ class Bench:
             )
             if "depth" not in observes:
                 return photos
+            if self.config.depth == "stereo":
+                return StereoRgbdCamera(photos)
             depths = DepthCamera(self.world, fixed.cell.cameras[: fixed.cell.num_inputs], noise)
             return RgbdCamera(photos, depths)
         if self.config.depth == "stereo":

@@ -20,8 +20,8 @@ class Evaluate:
     out: Path
     """Where metrics.json, attempts.jsonl and rounds/ are written."""
     detector: str = "neugrasp"
-    """neugrasp, vgn, or one of your own by name or as package.module:NAME (docs/benchmark.md); oracle and
-    antipodal are told the true surface: measuring sticks, no detectors."""
+    """neugrasp, vgn, graspnerf, graspnerf-tsdf, or one of your own by name or as package.module:NAME
+    (docs/benchmark.md); oracle and antipodal are told the true surface: measuring sticks, no detectors."""
     scene: Literal["packed", "pile", "single"] = "packed"
     """How the objects lie."""
     materials: Literal["transparent-specular", "diffuse", "mixed", "specular", "transparent"] = (
@@ -37,9 +37,12 @@ class Evaluate:
     protocol: str = "paper"
     """paper, vgn or graspnerf: what counts as a success, and out of what (docs/benchmark.md)."""
     weights: str = "neugrasp"
-    """A name of bundled weights, or a file; for vgn, and for an oracle with VGN's head, a .pth of VGN."""
+    """A name of bundled weights, or a file; by default the detector's own. vgn, and an oracle with VGN's
+    head, take a .pth of VGN, too."""
     evaluator: str = "neugrasp"
     """A name of a bundled evaluator of grasps, or a file: what the detectors that have one ask."""
+    restorer: str = "swindr"
+    """A name of bundled weights that restore depth, or a file: what swindr-vgn asks before VGN."""
     hand_check: bool = True
     """Send grasps as deep as the surface lets the hand, and drop those whose hand would meet it, or close
     on nothing. Never for VGN."""
@@ -50,7 +53,7 @@ class Evaluate:
     """Of a pixel of the photos, a power of two, as in `generate`: with one, a round takes less than half the
     time."""
     depth: Literal["exact", "noisy", "stereo"] = "exact"
-    """The depth sensor of vgn; stereo sees glass and steel as such a sensor does."""
+    """The depth sensor of detectors that see depth; stereo sees glass and steel as such a sensor does."""
     gripper: str = "panda"
     """A name of a bundled gripper, or a file."""
     objects: Path | None = None
@@ -86,7 +89,7 @@ class Evaluate:
                 continue
             if field.name == "objects":
                 value = "OBJECTS"
-            elif field.name in ("weights", "gripper", "evaluator"):
+            elif field.name in ("weights", "gripper", "evaluator", "restorer"):
                 value = Path(value).name
             name = field.name.replace("_", "-")
             words += [f"--no-{name}"] if value is False else [f"--{name}", str(value)]

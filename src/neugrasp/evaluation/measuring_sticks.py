@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from neugrasp.baselines.antipodal import antipodal_grasp
-from neugrasp.baselines.vgn import INSIDE, is_vgn, load_vgn_head, vgn_facts, vgn_selection
+from neugrasp.baselines.vgn import VgnHead, is_public, selection_of, vgn_facts, vgn_selection
 from neugrasp.detection.ask_head import predict_grasps
 from neugrasp.detection.contract import Detection
 from neugrasp.detection.decode import SelectionConfig, select_grasps
@@ -34,18 +33,17 @@ from neugrasp.robot.simulated_cameras import Truth
 class Oracle:
     """A grasp head on the true TSDF."""
 
-    head: GraspHead
+    head: GraspHead | VgnHead
+    """NeuGrasp's own, or VGN's, which reads another scale."""
     gripper: Gripper
     threshold: float
-    is_vgn: bool
-    """Whether the head is VGN's, which reads another scale, or NeuGrasp's own."""
     hand: HandCheck | None = None
     """What is asked of grasps of NeuGrasp's head besides."""
 
     def detect(self, truth: Truth) -> Detection:
         """What the head finds, best first."""
-        if self.is_vgn:
-            config = SelectionConfig(threshold=self.threshold, inside=INSIDE)
+        if isinstance(self.head, VgnHead):
+            config = selection_of(self.head, self.threshold)
             chosen, tsdf = vgn_selection(self.head, truth.tsdf, truth.workspace, self.gripper, config)
         else:
             tsdf = truth.tsdf.values
@@ -91,17 +89,17 @@ class Antipodal:
 
 def _oracle(options: DetectorOptions) -> Oracle:
     gripper = Gripper.load(options.gripper)
-    if is_vgn(options.weights):
-        threshold = SelectionConfig.threshold if options.threshold is None else options.threshold
-        return Oracle(load_vgn_head(Path(options.weights)), gripper, threshold, is_vgn=True)
+    if is_public(options.weights):
+        head = VgnHead.load(options.weights)
+        return Oracle(head, gripper, selection_of(head, options.threshold).threshold)
     checkpoint = load_checkpoint(options.weights)
     hand = HandCheck(gripper) if options.hand_check else None
-    threshold = threshold_of(checkpoint, options.threshold)
-    return Oracle(checkpoint.model().head, gripper, threshold, is_vgn=False, hand=hand)
+    threshold = threshold_of(checkpoint.about, options.threshold)
+    return Oracle(checkpoint.model().head, gripper, threshold, hand)
 
 
 def _oracle_facts(options: DetectorOptions) -> dict[str, Any]:
-    return vgn_facts(options) if is_vgn(options.weights) else facts_of(options)
+    return vgn_facts(options) if is_public(options.weights) else facts_of(options)
 
 
 def _judged(options: DetectorOptions) -> JudgedTruth:

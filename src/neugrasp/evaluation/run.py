@@ -30,7 +30,7 @@ from neugrasp.long_runs import CONTENTS, begun_as, held, source_commit
 from neugrasp.metrics import wilson_interval
 from neugrasp.model.compute import Compute
 from neugrasp.progress import reached
-from neugrasp.simulation.infrared import infrared_renderer
+from neugrasp.simulation.infrared import PhotoAndInfrared, infrared_renderer
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.renderer import Renderer, RenderSettings
 from neugrasp.terminal import next_step
@@ -73,9 +73,11 @@ def _file(out: Path, index: int) -> Path:
 
 
 def _photographer_for(config: Evaluate) -> MakePhotographer:
-    if config.depth == "stereo" and detector_spec(config.detector).observes == DEPTH:
-        return infrared_renderer
-    return partial(Renderer, settings=RenderSettings(samples=config.samples))
+    settings = RenderSettings(samples=config.samples)
+    if config.depth != "stereo":
+        return partial(Renderer, settings=settings)
+    only_depth = detector_spec(config.detector).observes == DEPTH
+    return infrared_renderer if only_depth else partial(PhotoAndInfrared, settings=settings)
 
 
 def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
@@ -96,8 +98,6 @@ def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
         raise InputError(f"--depth {config.depth}: {config.detector} sees no depth")
     if config.samples != Evaluate.samples and "image" not in spec.observes:
         raise InputError(f"--samples {config.samples}: {config.detector} sees no photos")
-    if config.depth == "stereo" and "image" in spec.observes:
-        raise InputError(f"--depth stereo: {config.detector} sees photos, too; its depth is exact or noisy")
     Compute.of(config.device, config.precision)
     RenderSettings(samples=config.samples)  # refuses what is no power of two
     library = ObjectLibrary.open(config.object_sets, config.objects)

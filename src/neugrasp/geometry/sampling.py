@@ -208,6 +208,12 @@ class CameraTensors:
         seen = (depth > 1e-3) & (u >= left) & (u < right) & (v >= top) & (v < bottom)
         return pixels.transpose(1, 2), seen
 
+    @full_precision
+    def depths(self, points: Tensor) -> Tensor:
+        """z-depths (n, p) of workspace points (p, 3), metres."""
+        forward = self.camera_from_workspace[:, 2]
+        return forward[:, :3] @ points.T + forward[:, 3:]
+
     def interpolation(self, pixels: Tensor, shape: torch.Size) -> InterpolationIndex:
         """Where image pixels (n, p, 2) lie in maps of shape (n, c, h, w): places (n, p) in their table."""
         height, width = shape[-2:]

@@ -73,14 +73,24 @@ def ring6(workspace: Workspace, rng: np.random.Generator) -> list[Camera]:
 def hemisphere6(workspace: Workspace, rng: np.random.Generator) -> list[Camera]:
     """VGN's evaluation: 6 views at a polar angle of 30 deg, 0.6 m from the middle of the cube's floor, which
     lies under the table, with VGN's camera."""
+    return [_vgn_camera(workspace, 0.6, np.deg2rad(30), np.deg2rad(60.0 * i)) for i in range(6)]
+
+
+def vgn_training(workspace: Workspace, rng: np.random.Generator) -> list[Camera]:
+    """VGN's training: 1 to 6 views from anywhere up to 45 deg from the vertical, r U(0.48, 0.72)."""
+    count = int(rng.integers(1, 7))
+    places = rng.uniform((0.48, 0, 0), (0.72, np.pi / 4, 2 * np.pi), (count, 3)).tolist()
+    return [_vgn_camera(workspace, *place) for place in places]
+
+
+def _vgn_camera(workspace: Workspace, radius: float, polar: float, azimuth: float) -> Camera:
+    """VGN's camera at polar coordinates (metres, radians) about the middle of the cube's floor, which it
+    looks at."""
     floor = workspace.centre * (1, 1, 0)
     intrinsics = np.array([[VGN_FOCAL, 0, VGN_SENSOR[0] / 2], [0, VGN_FOCAL, VGN_SENSOR[1] / 2], [0, 0, 1.0]])
-    polar, cameras = np.deg2rad(30), []
-    for azimuth in np.deg2rad(60.0 * np.arange(6)):
-        direction = [np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)]
-        eye = floor + 0.6 * np.array(direction)
-        cameras.append(Camera(intrinsics, look_at(eye, floor), *VGN_SENSOR))
-    return cameras
+    direction = [np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)]
+    eye = floor + radius * np.array(direction)
+    return Camera(intrinsics, look_at(eye, floor), *VGN_SENSOR)
 
 
 def hemisphere(workspace: Workspace, rng: np.random.Generator, num: int = 4) -> list[Camera]:

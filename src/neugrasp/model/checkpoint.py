@@ -71,6 +71,17 @@ def save_checkpoint(
     write_weights(path, FORMAT, model.state_dict(), asdict(model.config), model.workspace, about, half, named)
 
 
+def ship_checkpoint(trained: Path, shipped: Path, threshold: float) -> dict[str, Any]:
+    """Writes weights of whatever network once more, in float16, with the threshold of scores that they are
+    used with; what is noted with them now. Raises as `load_checkpoint`."""
+    metadata, tensors = read_weights(trained, FORMAT, "NeuGrasp weights")
+    about = {**_checked_about(_about(trained, metadata)), "threshold": threshold}
+    more = {name: metadata[name] for name in ("network",) if name in metadata}
+    config, workspace = described(trained, metadata, "config").data, workspace_from(trained, metadata)
+    write_weights(shipped, FORMAT, tensors, config, workspace, about, half=True, more=more)
+    return about
+
+
 def shipped_weights() -> dict[str, Path]:
     """The weights that come with the package, by name."""
     folder = Path(str(resources.files("neugrasp"))) / "weights"
@@ -88,8 +99,8 @@ def load_checkpoint(name_or_path: str | Path) -> Checkpoint:
     metadata, tensors = _weights_of(path, NEUGRASP)
     config = _config_from(described(path, metadata, "config"))
     check_tensors(path, partial(NeuGrasp, config), tensors)
-    about = described(path, metadata, "about") if "about" in metadata else Fields(str(path), {}, "about.")
-    return Checkpoint(config, tensors, _checked_about(about), workspace_from(path, metadata))
+    about = _checked_about(_about(path, metadata))
+    return Checkpoint(config, tensors, about, workspace_from(path, metadata))
 
 
 Config = TypeVar("Config", bound=NetworkConfig)
@@ -110,6 +121,16 @@ def load_network(
     network = build(config, workspace)
     network.load_state_dict({key: tensor.float() for key, tensor in tensors.items()})
     return network.eval()
+
+
+def notes_of(path: Path, name: str) -> dict[str, Any]:
+    """What was noted with the weights of a network of another name. Raises as `load_checkpoint`."""
+    metadata, _ = _weights_of(path, name)
+    return _checked_about(_about(path, metadata))
+
+
+def _about(path: Path, metadata: dict[str, str]) -> Fields:
+    return described(path, metadata, "about") if "about" in metadata else Fields(str(path), {}, "about.")
 
 
 def _weights_of(path: Path, network: str) -> tuple[dict[str, str], dict[str, Tensor]]:

@@ -80,14 +80,14 @@ class EncodedViews:
         return PointSamples(centres, maps, self.priors.values[voxels], self.seen[:, voxels])
 
 
-def order_encoding(num: int, like: Tensor) -> Tensor:
-    """Sinusoids (num, 8) of the place of a sample on its ray: from half a wave per ray down to a sixteenth.
+def order_encoding(num: int, like: Tensor, dim: int = ORDER_DIM) -> Tensor:
+    """Sinusoids (num, dim) of the place of a sample on its ray: from half a wave per ray down, by halves.
 
     The usual base of 10000 has six waves in 40 samples, and the field followed them: floating slabs with the
     slope that Eikonal asks for and the opacity that carving asks for (docs/training_log.md).
     """
     place = torch.arange(num, device=like.device, dtype=like.dtype).unsqueeze(1) / num
-    rate = torch.pi / 2 ** torch.arange(ORDER_DIM // 2, device=like.device, dtype=like.dtype)
+    rate = torch.pi / 2 ** torch.arange(dim // 2, device=like.device, dtype=like.dtype)
     return torch.cat([torch.sin(place * rate), torch.cos(place * rate)], dim=1)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import torch
 from einops import rearrange
@@ -31,13 +32,14 @@ GRID_SAMPLES = 64
 
 
 Maps = tuple[Tensor, ...]
+Scene = TypeVar("Scene")
 
 
 @dataclass(frozen=True)
-class Reconstruction:
-    """A scene, its signed distance on the grid, and where it was seen."""
+class Reconstruction(Generic[Scene]):
+    """A scene as a network reads it, its signed distance on the grid, and where it was seen."""
 
-    scene: EncodedViews
+    scene: Scene
     sdf: Tensor
     """(r, r, r), truncation units, not clipped."""
     seen: Tensor
@@ -68,7 +70,7 @@ class NeuGrasp(nn.Module):
             # exp(10 v) = 100 per metre at the start (method.md J2).
             self.log_sharpness = nn.Parameter(torch.tensor(0.46))
 
-    def forward(self, views: ViewTensors) -> tuple[Reconstruction, GraspVolume]:
+    def forward(self, views: ViewTensors) -> tuple[Reconstruction[EncodedViews], GraspVolume]:
         """Surface and grasps from photos."""
         reconstruction = self.reconstruct(self.encode(views.images), self.encode_backgrounds(views), views)
         return reconstruction, self.head(reconstruction.tsdf.unsqueeze(0))
@@ -82,7 +84,9 @@ class NeuGrasp(nn.Module):
         """Feature maps of the backgrounds, which may be kept for as long as the cell stays as it is."""
         return self.encode(views.backgrounds) if self.config.use_backgrounds else None
 
-    def reconstruct(self, scene: Tensor, background: Tensor | None, views: ViewTensors) -> Reconstruction:
+    def reconstruct(
+        self, scene: Tensor, background: Tensor | None, views: ViewTensors
+    ) -> Reconstruction[EncodedViews]:
         """The field and its values on the grid, from the feature maps of photos and backgrounds."""
         encoded = self.encode_scene(scene, background, views)
         sdf = self.sdf_columns(encoded).reshape((self.workspace.resolution,) * 3)
@@ -156,7 +160,7 @@ class NeuGrasp(nn.Module):
 
     def weights_on_grid(
         self,
-        reconstruction: Reconstruction,
+        reconstruction: Reconstruction[EncodedViews],
         rays: Rays,
         sharpness: Tensor,
         generator: torch.Generator | None = None,

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-import numpy as np
-
-from neugrasp.baselines.stereo_matching import Grey, StereoConfig, stereo_depth
 from neugrasp.data.world import Cell
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.observation import DepthView, DepthViews
+from neugrasp.observation import DepthView, DepthViews, Observation
 from neugrasp.robot.simulated import SimulatedRobot
+from neugrasp.robot.simulated_cameras import PhotoCamera
 from neugrasp.simulation.cell_photos import Photographer
-from neugrasp.simulation.infrared import infrared_pair, infrared_sensor
 from neugrasp.simulation.objects import ObjectLibrary
-
-SCALE = 0.5
-"""Pixels of the infrared images for each of the sensor's: half of them measure a table to a millimetre."""
+from neugrasp.simulation.stereo_matching import StereoConfig
+from neugrasp.simulation.stereo_sensor import half_sensor, stereo_on_photo, stereo_view
 
 
 @dataclass(frozen=True)
@@ -39,16 +35,29 @@ class StereoCamera:
         return DepthViews(tuple(self._view(sensor) for sensor in self.sensors), self.workspace)
 
     def _view(self, sensor: Camera) -> DepthView:
-        sensor = infrared_sensor(sensor, SCALE)
-        config, focal = self.config, float(sensor.intrinsics[0, 0])
-        most = int(np.ceil(focal * config.baseline / config.nearest)) + config.window
-        pair, offset = infrared_pair(self.cell, sensor, self.workspace, config.baseline, most)
-        left, right = self.photographer.render(pair, self.robot.scene(), self.library, (0, 1))
-        return DepthView(
-            pair.cameras[0], depth=stereo_depth(_grey(left), _grey(right), offset, focal, config)
+        left, scene = half_sensor(sensor), self.robot.scene()
+        return stereo_view(
+            left, self.cell, scene, self.photographer, self.library, self.workspace, self.config
         )
 
 
-def _grey(photo: np.ndarray) -> Grey:
-    grey: Grey = photo.astype(np.float32).mean(axis=-1)
-    return grey
+@dataclass(frozen=True)
+class StereoRgbdCamera:
+    """Photos, and at their pixels the depth of a stereo sensor whose left camera took them."""
+
+    photos: PhotoCamera
+
+    def look(self) -> Observation:
+        """Frames with photo, background and depth."""
+        seen, eye = self.photos.look(), self.photos
+        scene = eye.robot.scene()
+        frames = tuple(
+            replace(
+                photo,
+                depth=stereo_on_photo(
+                    photo.camera, eye.cell, scene, eye.photographer, eye.library, eye.workspace
+                ),
+            )
+            for photo in seen.frames
+        )
+        return Observation(frames, seen.workspace)

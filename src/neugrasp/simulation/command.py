@@ -27,6 +27,9 @@ class Generate:
     """What the objects are made of."""
     photos: bool = True
     """Without photos scenes come several times faster and serve the grasp head alone."""
+    stereo: bool = False
+    """Also what a stereo depth sensor measures from each input view: what recipe swindr learns from. Takes
+    some seconds a scene more."""
     targets: int = 2
     """Photos from the hemisphere for each scene, besides the inputs: what losses compare with."""
     samples: int = 4

@@ -29,6 +29,7 @@ from neugrasp.output import write_text
 from neugrasp.progress import reached
 from neugrasp.simulation.cell_photos import Photographer
 from neugrasp.simulation.command import Generate
+from neugrasp.simulation.infrared import PhotoAndInfrared
 from neugrasp.simulation.objects import KINDS, SPLITS, ObjectLibrary
 from neugrasp.simulation.renderer import Renderer, RenderSettings
 from neugrasp.simulation.studio import TARGETS_PER_CELL, TARGETS_PER_SCENE, Studio
@@ -72,7 +73,8 @@ def run(config: Generate) -> str:
 
 
 def _renderer_of(config: Generate) -> MakePhotographer:
-    return partial(Renderer, settings=RenderSettings(samples=config.samples))
+    settings = RenderSettings(samples=config.samples)
+    return partial(PhotoAndInfrared if config.stereo else Renderer, settings=settings)
 
 
 def _nobody(_threads: int) -> AbstractContextManager[None]:
@@ -99,6 +101,8 @@ def _checked(config: Generate) -> ObjectLibrary:
     if not 1 <= config.targets <= TARGETS_PER_CELL:
         raise InputError(f"--targets {config.targets}; a work cell has 1 to {TARGETS_PER_CELL}")
     RenderSettings(samples=config.samples)  # refuses what is no power of two
+    if config.stereo and not config.photos:
+        raise InputError("--stereo: depth is measured beside photos; leave --no-photos out")
     if config.seed < 0:
         raise InputError(f"--seed {config.seed}; it must be at least 0")
     Gripper.load(config.gripper)
@@ -130,6 +134,7 @@ def _describe(config: Generate, library: ObjectLibrary) -> None:
         "seed": config.seed,
         **({} if config.photos else {"photos": False}),
         **Workspace.with_edge(config.cube, config.resolution).unusual(),
+        **({"stereo": True} if config.stereo else {}),
         **({} if config.targets == TARGETS_PER_SCENE else {"targets": config.targets}),
     }
     begun_as(config.out / "dataset.json", description, "data set", young=CONTENTS)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import replace
+from types import TracebackType
 
 import numpy as np
 
-from neugrasp.data.world import Cell
+from neugrasp.data.world import Cell, Scene
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import rigid
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.simulation.renderer import Renderer, RenderSettings
+from neugrasp.simulation.renderer import MeshSource, Photo, Renderer, RenderSettings
 
 AMBIENT = 0.035
 """Share of the room's light that the sensor's filter lets through."""
@@ -26,6 +29,32 @@ DOT_SPACING = 4.0
 def infrared_renderer(threads: int) -> Renderer:
     """A renderer for infrared: no denoising, which would take dots for noise."""
     return Renderer(threads, RenderSettings(samples=SAMPLES, denoise="OFF"))
+
+
+class PhotoAndInfrared:
+    """Photos by one renderer, infrared pairs by another. Use as a context manager, as `Renderer`."""
+
+    def __init__(self, threads: int, settings: RenderSettings):
+        self._photos = Renderer(threads, settings)
+        self._infrared = infrared_renderer(threads)
+        self._closing = ExitStack()
+
+    def __enter__(self) -> PhotoAndInfrared:
+        self._closing.enter_context(self._photos)
+        self._closing.enter_context(self._infrared)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._closing.close()
+
+    def render(
+        self, cell: Cell, scene: Scene | None, library: MeshSource, camera_indices: Sequence[int]
+    ) -> list[Photo]:
+        """As `Renderer.render`."""
+        renderer = self._infrared if "projector" in cell.light else self._photos
+        return renderer.render(cell, scene, library, camera_indices)
 
 
 def infrared_pair(

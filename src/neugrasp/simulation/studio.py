@@ -29,6 +29,7 @@ from neugrasp.simulation.materials import sample_materials
 from neugrasp.simulation.mesh_distance import mesh_distance
 from neugrasp.simulation.objects import KINDS, ObjectLibrary
 from neugrasp.simulation.physics import World
+from neugrasp.simulation.stereo_sensor import stereo_on_photo
 from neugrasp.simulation.truth import scan
 
 TARGETS_PER_CELL = 4
@@ -105,6 +106,11 @@ class Studio:
             looks = [self.world.depth_and_mask(camera) for camera in cameras]
         with self._timed("render"):
             photos = np.stack(self.photographer.render(cell, scene, self.library, inputs + targets))
+        with self._timed("stereo"):
+            measured = [
+                stereo_on_photo(camera, cell, scene, self.photographer, self.library, self.workspace)
+                for camera in (cameras if config.stereo else ())
+            ]
         drawn = {"light": cell.light, "table": cell.table, "views": config.views, "split": config.split}
         return {
             "cell": {"index": cell_index, "seed": cell.seed, **drawn, "targets": targets, **self._cube()},
@@ -116,6 +122,7 @@ class Studio:
             "target_cameras": tuple(cell.cameras[i] for i in targets),
             "depths": np.stack([depth for depth, _ in looks]).astype(np.float32),
             "masks": np.stack([mask for _, mask in looks]).astype(np.int8),
+            "stereo": np.stack(measured) if measured else None,
         }
 
     def _cube(self) -> dict[str, Any]:

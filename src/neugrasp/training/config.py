@@ -32,6 +32,8 @@ class LossWeights:
     """Where a photo shows the table, the surface lies in the table's plane."""
     tsdf: float = 0.0
     """Geometry supervision by the fused TSDF, as the released code has it; only the control recipe does."""
+    depth: float = 0.0
+    """Geometry supervision by depth images of the input views, of networks that say where their rays end."""
     distance: float = 0.0
     """Geometry supervision by the signed distance of the meshes."""
     occupancy: float = 0.0
@@ -89,6 +91,9 @@ class TrainConfig:
     columns: int = 0
     """Random columns of voxels that geometry supervision asks for in a step where no loss needs the whole
     grid; 0: all."""
+    whole_every: int = 1
+    """Every how many steps a network that learns from a window of columns is asked for the whole grid, and
+    learns grasps."""
     rays: int = 2304
     """Rays of the target view per step."""
     carving_rays: int = 512

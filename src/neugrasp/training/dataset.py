@@ -21,7 +21,8 @@ from neugrasp.geometry.symmetry import Symmetry
 from neugrasp.geometry.workspace import USUAL
 from neugrasp.observation import View
 from neugrasp.training.config import TrainConfig
-from neugrasp.training.samples import PreparedView, Sample, Truth, crop_views, lent, sample_of, truth_of
+from neugrasp.training.prepared import PreparedView, crop_views, lent, with_depths, with_sensor
+from neugrasp.training.samples import Sample, Truth, sample_of, truth_of
 
 
 class Scenes:
@@ -36,6 +37,8 @@ class Scenes:
         size: int,
         finds_changes: bool,
         reads_targets: bool = True,
+        reads_depths: bool = False,
+        reads_sensor: bool = False,
     ):
         self.places = tuple(places)
         """The folder and index of each scene."""
@@ -45,6 +48,10 @@ class Scenes:
         """Whether `change_labels` of the photos are wanted; else all are UNSURE."""
         self.reads_targets = reads_targets
         """Whether the views that losses compare with are wanted; else there are none."""
+        self.reads_depths = reads_depths
+        """Whether the true depths of the input views are wanted."""
+        self.reads_sensor = reads_sensor
+        """Whether what a stereo sensor measured is wanted; scenes without it are refused then."""
         self.photographed = tuple(i for i, (sets, at) in enumerate(self.places) if sets.has_photos(at))
         """Indices of the scenes with photos."""
         self.known = tuple(i for i, (sets, at) in enumerate(self.places) if sets.has_truth(at))
@@ -62,6 +69,10 @@ class Scenes:
         inputs, targets = crop_views(scene, self.size)
         prepared = [self._prepared(index, place, view) for place, view in enumerate((*inputs, *targets))]
         groups = tuple(prepared[: len(inputs)]), tuple(prepared[len(inputs) :])
+        if self.reads_depths:
+            groups = tuple(with_depths(scene, groups[0])), groups[1]
+        if self.reads_sensor:
+            groups = tuple(with_sensor(scene, groups[0])), groups[1]
         return sample_of(scene, groups if targets or not self.reads_targets else lent(groups[0], rng), rng)
 
     def truth(self, index: int, symmetry: Symmetry) -> Truth:

@@ -78,13 +78,13 @@ def neugrasp_losses(
     """The terms of the paper's loss and of ours by name, and their weighted sum as "loss"."""
     from_meshes = bool(config.weights.distance)
     if not batch.samples:
-        losses = {"grasp": head_loss(network, batch.truths, from_meshes, generator)}
+        losses = {"grasp": head_loss(network.head, batch.truths, from_meshes, generator)}
     else:
         sharpness = config.sharpness_at(step)
         each = [joint_losses(network, one, config, sharpness, generator) for one in batch.samples]
         losses = {name: torch.stack([one[name] for one in each]).mean() for name in each[0]}
         if config.weights.rehearsal:
-            losses["rehearsal"] = head_loss(network, batch.truths, from_meshes, generator)
+            losses["rehearsal"] = head_loss(network.head, batch.truths, from_meshes, generator)
     return {"loss": total(losses, config), **losses}
 
 
@@ -96,7 +96,7 @@ def total(losses: Losses, config: TrainConfig) -> Tensor:
 
 
 def head_loss(
-    model: NeuGrasp, truths: Sequence[Truth], from_meshes: bool, generator: torch.Generator
+    head: nn.Module, truths: Sequence[Truth], from_meshes: bool, generator: torch.Generator
 ) -> Tensor:
     """The grasp head alone, on true grids made imperfect the way predictions are.
 
@@ -105,7 +105,7 @@ def head_loss(
     grids = [
         truth.needed("distance" if from_meshes and truth.distance is not None else "tsdf") for truth in truths
     ]
-    volume = model.head(torch.stack([imperfect(grid, generator) for grid in grids]))
+    volume = head(torch.stack([imperfect(grid, generator) for grid in grids]))
     return grasp_loss(volume, [truth.labels for truth in truths])
 
 
@@ -139,7 +139,7 @@ def joint_losses(
 ) -> Losses:
     """Photos to surface to grasps, with every term that has a weight."""
     weights = config.weights
-    inputs = _some_views(sample.inputs, config, generator)
+    inputs = some_views(sample.inputs, config, generator)
     scene = _encode(model, inputs)
     if not weights.needs_grid:
         return _geometry_losses(model, scene, _random_columns(model, config, generator), sample.truth)
@@ -199,7 +199,7 @@ def _encode(model: NeuGrasp, inputs: Photos) -> EncodedViews:
     return model.encode_scene(scene, background, views)
 
 
-def _some_views(photos: Photos, config: TrainConfig, generator: torch.Generator) -> Photos:
+def some_views(photos: Photos, config: TrainConfig, generator: torch.Generator) -> Photos:
     """All the views in random order, or sometimes fewer of them."""
     count = len(photos.changes)
     order = torch.randperm(count, generator=generator).tolist()
@@ -211,7 +211,7 @@ def _some_views(photos: Photos, config: TrainConfig, generator: torch.Generator)
 
 def _target_losses(
     model: NeuGrasp,
-    reconstruction: Reconstruction,
+    reconstruction: Reconstruction[EncodedViews],
     targets: Photos,
     sharpness: Tensor,
     config: TrainConfig,
@@ -233,7 +233,7 @@ def _target_losses(
 
 def _carve_grid(
     model: NeuGrasp,
-    reconstruction: Reconstruction,
+    reconstruction: Reconstruction[EncodedViews],
     photos: tuple[Photos, ...],
     sharpness: Tensor,
     num: int,

@@ -6,10 +6,8 @@ module:NAME, or declared as an entry point of the group `neugrasp.networks`.
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -19,10 +17,11 @@ from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.network import NeuGrasp
 from neugrasp.training.config import TrainConfig
+from neugrasp.training.extensions import extension
 from neugrasp.training.module import NetworkLosses, neugrasp_losses
 from neugrasp.training.progress_picture import save_progress_picture
 from neugrasp.training.samples import Sample, Truth
-from neugrasp.training.validation import validate, validate_head
+from neugrasp.training.validation import SurfaceNetwork, validate, validate_head
 
 GROUP = "neugrasp.networks"
 
@@ -50,32 +49,24 @@ class NetworkSpec:
     losses: NetworkLosses
     judge: Callable[[Any, HeldOut, TrainConfig, int, Path], dict[str, float]]
     """Network, held-out scenes, configuration, steps done, folder for pictures -> scores by name."""
+    compares: bool = True
+    """Whether its losses ask what changed against the empty table."""
+    measures: bool = False
+    """Whether it reads what a stereo sensor measured: scenes of `neugrasp generate --stereo`."""
 
 
 def network_spec(name: str) -> NetworkSpec:
     """The network of that name. Raises `InputError` where there is none."""
     if name == "neugrasp":
         return NEUGRASP
-    installed = {point.name: point for point in entry_points(group=GROUP)}
-    try:
-        if name in installed:
-            found = installed[name].load()
-        else:
-            module, _, attribute = name.partition(":")
-            found = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
-        known = ", ".join(["neugrasp", *sorted(installed)])
-        raise InputError(
-            f"network {name!r}: cannot be imported ({error}); choose one of {known}, or name yours as "
-            "module:NAME"
-        ) from error
+    found = extension(GROUP, name, "network", ["neugrasp"])
     if not isinstance(found, NetworkSpec):
         raise InputError(f"network {name}: is a {type(found).__name__}, not a NetworkSpec")
     return found
 
 
-def judge_neugrasp(
-    network: NeuGrasp, held_out: HeldOut, config: TrainConfig, step: int, folder: Path
+def judge_surface(
+    network: SurfaceNetwork, held_out: HeldOut, config: TrainConfig, step: int, folder: Path
 ) -> dict[str, float]:
     """The head on true grids; from the joint stage on everything, and a picture."""
     scores = validate_head(network, held_out.truths)
@@ -86,4 +77,4 @@ def judge_neugrasp(
     return scores
 
 
-NEUGRASP = NetworkSpec(NeuGrasp, neugrasp_losses, judge_neugrasp)
+NEUGRASP = NetworkSpec(NeuGrasp, neugrasp_losses, judge_surface)

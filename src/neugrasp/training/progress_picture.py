@@ -8,18 +8,17 @@ import numpy as np
 from PIL import Image as PilImage
 
 from neugrasp.change import OBJECT, TABLE
-from neugrasp.model.network import NeuGrasp
 from neugrasp.observation import Image
 from neugrasp.pictures.sheet import Tile, contact_sheet
 from neugrasp.pictures.slices import busiest_slice, slice_picture
 from neugrasp.training.samples import Sample
-from neugrasp.training.validation import reconstruct, render_view
+from neugrasp.training.validation import SurfaceNetwork, reconstruct, render_view
 
 TILE = 320
 """Edge of one picture, pixels."""
 
 
-def save_progress_picture(path: Path, model: NeuGrasp, sample: Sample, sharpness: float) -> None:
+def save_progress_picture(path: Path, model: SurfaceNetwork, sample: Sample, sharpness: float) -> None:
     """A held-out view as photographed, as rendered and with what changed in it; true and predicted slices.
 
     Where the run has no target views, without the first three; where the surface is not known, without it.

@@ -9,6 +9,7 @@ from neugrasp.errors import InputError
 from neugrasp.model.config import ModelConfig
 from neugrasp.training.command import Train
 from neugrasp.training.config import LossWeights, Optimiser, TrainConfig
+from neugrasp.training.extensions import extension
 
 
 def _small_model() -> ModelConfig:
@@ -145,11 +146,17 @@ RECIPES: dict[str, Callable[[], TrainConfig]] = {
 }
 
 
+GROUP = "neugrasp.recipes"
+"""Entry points of recipes that are not of this file: functions that return a `TrainConfig`."""
+
+
 def recipe(name: str) -> TrainConfig:
-    """The configuration of a named recipe. Raises `InputError` on an unknown name."""
-    if name not in RECIPES:
-        raise InputError(f"unknown recipe {name!r}; choose one of {', '.join(RECIPES)}")
-    return RECIPES[name]()
+    """The configuration of a recipe by name or module:NAME. Raises `InputError` where there is none."""
+    found = RECIPES.get(name) or extension(GROUP, name, "recipe", RECIPES)
+    config = found() if callable(found) else found
+    if not isinstance(config, TrainConfig):
+        raise InputError(f"recipe {name}: gives a {type(config).__name__}, not a TrainConfig")
+    return config
 
 
 def configured(run: Train) -> TrainConfig:

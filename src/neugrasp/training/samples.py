@@ -14,18 +14,17 @@ from neugrasp.errors import InputError
 from neugrasp.geometry.sampling import CameraTensors
 from neugrasp.geometry.symmetry import Symmetry
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.model.inputs import ViewTensors, crop_view, to_tensor
-from neugrasp.observation import View, Views
+from neugrasp.model.inputs import ViewTensors, to_tensor
+from neugrasp.training.prepared import PreparedView, crop_views
 
 ONLY_SIMULATED = "only scenes of `neugrasp generate` have one; the recipe adapt learns without"
 HINTS = {
     "tsdf": ONLY_SIMULATED,
     "observed": ONLY_SIMULATED,
+    "fused": "benchmarks/add_fused.py adds them to scenes of the simulator",
     "distance": "benchmarks/add_distance.py adds it to scenes of the simulator",
 }
 """What helps where a grid is missing."""
-FEWEST_IN_GROUPS = 6
-"""Views of a scene from which on they are two groups; a group of fewer than 3 sees too little."""
 
 
 @dataclass(frozen=True)
@@ -58,9 +57,14 @@ class Truth:
     """(r, r, r) bool."""
     distance: Tensor | None = None
     """(r, r, r) signed distance of the meshes: what geometry supervision reads."""
+    fused: Tensor | None = None
+    """(g, r, r, r) grids fused from few views, in [0, 1]: what VGN reads."""
 
-    def needed(self, name: Literal["tsdf", "observed", "distance"]) -> Tensor:
-        """A grid (r, r, r) that a loss cannot do without. Raises `InputError` where the scene lacks it."""
+    def needed(self, name: Literal["tsdf", "observed", "distance", "fused"]) -> Tensor:
+        """A grid (..., r, r, r) that a loss cannot do without.
+
+        Raises `InputError` where the scene lacks it.
+        """
         grid: Tensor | None = getattr(self, name)
         if grid is None:
             raise InputError(
@@ -70,8 +74,22 @@ class Truth:
 
     def to(self, device: torch.device | str) -> Truth:
         """The same truth on another device."""
-        grids = (self.tsdf, self.observed, self.distance)
+        grids = (self.tsdf, self.observed, self.distance, self.fused)
         return Truth(self.labels.to(device), *(None if grid is None else grid.to(device) for grid in grids))
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """What a stereo sensor measured where photos were taken."""
+
+    measured: Tensor
+    """(n, s, s) z-depth, metres, 0 where nothing was measured."""
+    objects: Tensor
+    """(n, s, s) bool: pixels of objects."""
+
+    def to(self, device: torch.device | str) -> Sensor:
+        """The same on another device."""
+        return Sensor(self.measured.to(device), self.objects.to(device))
 
 
 @dataclass(frozen=True)
@@ -81,10 +99,17 @@ class Photos:
     views: ViewTensors
     changes: Tensor
     """(n, s, s) int8 of `change_labels`."""
+    depths: Tensor | None = None
+    """(n, s, s) true z-depths, metres, 0 where there is no surface, of photos for which they are known: what
+    supervision by depth reads."""
+    sensor: Sensor | None = None
+    """Where it is asked for."""
 
     def to(self, device: torch.device | str) -> Photos:
         """The same photos on another device."""
-        return Photos(self.views.to(device), self.changes.to(device))
+        depths = None if self.depths is None else self.depths.to(device)
+        sensor = None if self.sensor is None else self.sensor.to(device)
+        return Photos(self.views.to(device), self.changes.to(device), depths, sensor)
 
 
 @dataclass(frozen=True)
@@ -99,44 +124,6 @@ class Sample:
     def to(self, device: torch.device | str) -> Sample:
         """The same sample on another device."""
         return Sample(self.inputs.to(device), self.targets.to(device), self.truth.to(device))
-
-
-@dataclass(frozen=True)
-class PreparedView:
-    """A view as the network wants it, with the labels of what changed: they are slow to find."""
-
-    view: View
-    """(s, s) photos; the camera in the workspace frame."""
-    changes: np.ndarray
-    """(s, s) int8 of `change_labels`."""
-
-
-def crop_views(scene: GraspScene, size: int) -> tuple[tuple[View, ...], tuple[View, ...]]:
-    """Inputs and targets of a scene, cropped to the workspace at size x size."""
-
-    def cropped(views: Views | None) -> tuple[View, ...]:
-        return tuple(
-            crop_view(view, view.camera, scene.workspace.photo_box(view.camera), size)
-            for view in (views.frames if views else ())
-        )
-
-    return cropped(scene.views), cropped(scene.targets)
-
-
-def lent(
-    views: tuple[PreparedView, ...], rng: np.random.Generator | None
-) -> tuple[tuple[PreparedView, ...], tuple[PreparedView, ...]]:
-    """Inputs and targets of a scene that has no targets of its own; without a generator always the same.
-
-    From 6 views on those are two groups in their order, as the paper has for real scenes: one is seen, the
-    other compared with. Of fewer, one is compared with.
-    """
-    count = len(views)
-    if count >= FEWEST_IN_GROUPS:
-        first, second = views[: (count + 1) // 2], views[(count + 1) // 2 :]
-        return (first, second) if rng is None or rng.random() < 0.5 else (second, first)
-    at = count - 1 if rng is None else int(rng.integers(count))
-    return (*views[:at], *views[at + 1 :]), (views[at],)
 
 
 def sample_of(
@@ -176,6 +163,7 @@ def truth_of(scene: GraspScene, symmetry: Symmetry) -> Truth:
         torch.from_numpy(symmetry.of_grid(truth.tsdf.astype(np.float32))),
         torch.from_numpy(symmetry.of_grid(truth.observed)),
         None if truth.distance is None else torch.from_numpy(symmetry.of_grid(truth.distance)),
+        None if truth.fused is None else torch.from_numpy(np.stack(list(map(symmetry.of_grid, truth.fused)))),
     )
 
 
@@ -185,11 +173,16 @@ def drop_views(photos: Photos, keep: list[int]) -> Photos:
     return Photos(
         ViewTensors(views.images[keep], views.backgrounds[keep], views.cameras.select(keep)),
         photos.changes[keep],
+        None if photos.depths is None else photos.depths[keep],
+        None if photos.sensor is None else Sensor(photos.sensor.measured[keep], photos.sensor.objects[keep]),
     )
 
 
 def _photos(prepared: tuple[PreparedView, ...], symmetry: Symmetry, workspace: Workspace) -> Photos:
     views = [one.view for one in prepared]
+    depths = [symmetry.of_image(one.depth) for one in prepared if one.depth is not None]
+    sensed = [[symmetry.of_image(each) for each in one.sensed] for one in prepared if one.sensed is not None]
+    measured = [torch.from_numpy(np.stack(each)) for each in zip(*sensed, strict=True)]
     return Photos(
         ViewTensors(
             to_tensor([symmetry.of_image(view.image) for view in views]),
@@ -197,6 +190,8 @@ def _photos(prepared: tuple[PreparedView, ...], symmetry: Symmetry, workspace: W
             CameraTensors.of([symmetry.of_camera(view.camera, workspace) for view in views]),
         ),
         torch.from_numpy(np.stack([symmetry.of_image(one.changes) for one in prepared])),
+        torch.from_numpy(np.stack(depths)) if depths else None,
+        Sensor(*measured) if measured else None,
     )
 
 
@@ -220,6 +215,8 @@ def _jitter(groups: list[Photos], rng: np.random.Generator) -> list[Photos]:
                 group.views.cameras,
             ),
             group.changes,
+            group.depths,
+            group.sensor,
         )
         for group in groups
     ]

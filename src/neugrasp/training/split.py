@@ -15,6 +15,7 @@ from neugrasp.geometry.symmetry import Symmetry
 from neugrasp.training.command import Train
 from neugrasp.training.config import TrainConfig
 from neugrasp.training.dataset import Scenes
+from neugrasp.training.networks import NetworkSpec
 from neugrasp.training.samples import Sample, Truth
 
 T = TypeVar("T")
@@ -45,7 +46,7 @@ class HeldOutScenes:
         return [self._scenes.truth(index, Symmetry()) for index in self._known]
 
 
-def open_data(run: Train, config: TrainConfig) -> tuple[Scenes, HeldOutScenes]:
+def open_data(run: Train, config: TrainConfig, spec: NetworkSpec) -> tuple[Scenes, HeldOutScenes]:
     """The scenes to train on, and what is validated on.
 
     Raises `InputError` where there are none, or they lack what the recipe learns from.
@@ -60,10 +61,12 @@ def open_data(run: Train, config: TrainConfig) -> tuple[Scenes, HeldOutScenes]:
     if run.validation:
         places = [place for folder in folders for place in folder]
         held = [place for folder in run.validation for place in _places(folder)]
-    size, finds_changes = config.model.image_size, config.weights.finds_changes
-    scenes = Scenes(places, size, finds_changes, reads_targets=finds_changes)
+    size, weights = config.model.image_size, config.weights
+    finds_changes = spec.compares and weights.finds_changes
+    depths = {"reads_depths": bool(weights.depth), "reads_sensor": spec.measures}
+    scenes = Scenes(places, size, finds_changes, weights.finds_changes, **depths)
     _check(run, config, scenes)
-    held_out = HeldOutScenes(Scenes(held, size, finds_changes), config)
+    held_out = HeldOutScenes(Scenes(held, size, finds_changes, **depths), config)
     if config.patience and not held_out:
         raise InputError(
             f"recipe {run.recipe} ends by scenes kept aside, and {len(places)} leave none; give two or more"

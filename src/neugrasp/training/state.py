@@ -78,14 +78,13 @@ class Identity:
 
     def differences(self, saved: dict[str, Any]) -> list[str]:
         """Which of the saved facts are others now; how long a run is and how often it reports may change."""
-        now = self.facts()
-        return sorted(key for key in now if now[key] != saved.get(key))
+        now, usual = self.facts(), _flat(asdict(type(self.config)()))
+        # What a state does not know of was added later, and had its usual value before.
+        return sorted(key for key in now if now[key] != saved.get(key, usual.get(key)))
 
     def facts(self) -> dict[str, Any]:
         """As plain data, nested names joined with dots."""
         facts = _flat(asdict(self.config)) | {"data": self.data, "init": self.init}
-        if facts.get("network") == "neugrasp":
-            del facts["network"]  # States of before there were others do not say it.
         return {key: value for key, value in facts.items() if key not in MAY_CHANGE}
 
 

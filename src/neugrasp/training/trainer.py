@@ -16,7 +16,7 @@ from torch import nn
 
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.long_runs import held, source_commit
-from neugrasp.model.checkpoint import load_checkpoint, save_checkpoint
+from neugrasp.model.checkpoint import find_weights, load_checkpoint, load_network, save_checkpoint
 from neugrasp.model.compute import Compute
 from neugrasp.model.network import NeuGrasp
 from neugrasp.progress import reached
@@ -62,11 +62,11 @@ def _trained(run: Train, config: TrainConfig, stop_after: int | None) -> Path:
         # However long the run becomes, the head's stage was as long as it was.
         config = replace(config, head_steps=saved.get("head_steps", config.head_steps))
     torch.manual_seed(config.seed)
-    scenes, held_out = open_data(run, config)
     spec = network_spec(config.network)
+    scenes, held_out = open_data(run, config, spec)
     model: Any = spec.build(config.model, scenes.workspace)
     if run.init:
-        _start_from(model, run.init)
+        _start_from(model, run.init, config.network, spec)
     device = Compute.of(run.device).device
     if run.precision == "bfloat16" and not bfloat16_pays(device):
         log.warning("--precision bfloat16: slower than float32 on this processor, which is used instead")
@@ -155,9 +155,13 @@ def _check_out(run: Train) -> None:
         raise NeuGraspError(f"{run.out}: cannot be made ({error.strerror})") from error
 
 
-def _start_from(model: nn.Module, weights: str) -> None:
+def _start_from(model: Any, weights: str, network: str, spec: NetworkSpec) -> None:
     if not isinstance(model, NeuGrasp):
-        raise InputError(f"--init {weights}: only the network neugrasp starts from weights")
+        found = load_network(find_weights(weights), network, type(model.config), spec.build)
+        if found.config != model.config:
+            raise InputError(f"{weights}: its network is configured differently from the recipe's")
+        model.load_state_dict(found.state_dict())
+        return
     checkpoint = load_checkpoint(weights)
     if checkpoint.workspace.cube != model.workspace.cube:
         log.warning(

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Any, Protocol
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor, nn
 
+from neugrasp.geometry.workspace import Workspace
 from neugrasp.metrics import CONSTANTS, area_under_roc, l1_by_mask, occupancy_iou, psnr, ssim, volume_ratio
 from neugrasp.model.grasp_head import GraspVolume
-from neugrasp.model.network import NeuGrasp, Reconstruction
-from neugrasp.model.rendering import cut_to_workspace
+from neugrasp.model.inputs import ViewTensors
+from neugrasp.model.network import Reconstruction
+from neugrasp.model.rendering import Rays, Rendered, cut_to_workspace
 from neugrasp.training.losses import grasp_loss, rotation_distance
 from neugrasp.training.samples import LabelTensors, Photos, Sample, Truth
 
@@ -37,17 +41,45 @@ class Scores:
         return {name: float(np.mean(values)) if values else float("nan") for name, values in kept.items()}
 
 
+class SurfaceNetwork(Protocol):
+    """A network that makes a surface and grasps of photos, and can be rendered."""
+
+    workspace: Workspace
+    head: Any
+    """The grasp head, a module."""
+    training: bool
+
+    def __call__(self, views: ViewTensors) -> tuple[Reconstruction[Any], GraspVolume]:
+        """Surface and grasps."""
+        ...
+
+    def render(self, scene: Any, rays: Rays, sharpness: Tensor) -> tuple[Rendered, Rendered]:
+        """Coarse and fine renderings of rays."""
+        ...
+
+    def sharpness(self, scheduled: float, /) -> Tensor:
+        """That of NeuS, in 1 / metre."""
+        ...
+
+    def parameters(self) -> Iterator[nn.Parameter]:
+        """As PyTorch's."""
+        ...
+
+    def train(self, mode: bool = True) -> Any:
+        """As PyTorch's."""
+        ...
+
+
 @torch.no_grad()
-def reconstruct(model: NeuGrasp, sample: Sample) -> tuple[Reconstruction, GraspVolume]:
+def reconstruct(model: SurfaceNetwork, sample: Sample) -> tuple[Reconstruction[Any], GraspVolume]:
     """Surface and grasps of a sample's input views."""
     device = next(model.parameters()).device
-    result: tuple[Reconstruction, GraspVolume] = model(sample.inputs.views.to(device))
-    return result
+    return model(sample.inputs.views.to(device))
 
 
 @torch.no_grad()
 def render_view(
-    model: NeuGrasp, reconstruction: Reconstruction, photos: Photos, view: int, sharpness: float
+    model: SurfaceNetwork, reconstruction: Reconstruction[Any], photos: Photos, view: int, sharpness: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """The rendered view and the photo (h, w, 3) at every fourth pixel; rays that miss show the background."""
     size = photos.views.images.shape[-1]
@@ -80,7 +112,7 @@ def grasp_scores(volume: GraspVolume, labels: LabelTensors) -> dict[str, float]:
 
 
 @torch.no_grad()
-def validate_head(model: NeuGrasp, truths: Sequence[Truth]) -> dict[str, float]:
+def validate_head(model: SurfaceNetwork, truths: Sequence[Truth]) -> dict[str, float]:
     """Means over scenes: AUC and rotation error of the grasp head on the true grids."""
     scores = Scores()
     device = next(model.parameters()).device
@@ -92,7 +124,7 @@ def validate_head(model: NeuGrasp, truths: Sequence[Truth]) -> dict[str, float]:
 
 
 def validate(
-    model: NeuGrasp, samples: Sequence[Sample], sharpness: float, render: bool = True
+    model: SurfaceNetwork, samples: Sequence[Sample], sharpness: float, render: bool = True
 ) -> dict[str, float]:
     """Means over samples: the grasp loss, AUC, rotation error, PSNR, SSIM; where the surface is known, L1
     under five masks beside the constants', and IoU.
@@ -101,7 +133,7 @@ def validate(
     the meshes where the samples have it.
     """
     was_training = model.training
-    model.eval()
+    model.train(False)
     scores = Scores()
     table = int(model.workspace.table_height / model.workspace.voxel_size) + 1
     for sample in samples:

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from neugrasp.baselines.stereo_matching import StereoConfig, stereo_depth
 from neugrasp.geometry.view_sets import view_set
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.simulation.cell import sample_cell
 from neugrasp.simulation.infrared import infrared_pair, infrared_sensor
+from neugrasp.simulation.stereo_matching import StereoConfig, stereo_depth
 
 FOCAL = 230.0
 CONFIG = StereoConfig()
