@@ -95,7 +95,11 @@ def read_json(file: Path) -> dict[str, Any]:
     """The content of `scene.json`, of a format and version that this program reads."""
     if not file.exists() and not file.is_symlink():
         raise InputError(f"{file}: missing; a scene is a folder with {FILE}, images/ and backgrounds/")
-    data = read_object(file, "a scene")
+    return checked_head(read_object(file, "a scene"), file)
+
+
+def checked_head(data: dict[str, Any], file: Path) -> dict[str, Any]:
+    """The content of `file`, if it is a scene of a format and version that this program reads."""
     if data.get("format") != FORMAT:
         raise InputError(f'{file}: not a scene; it must be an object with "format": "{FORMAT}"')
     version = data.get("version")
@@ -147,15 +151,19 @@ def view_of(entry: Any, where: str, folder: Path) -> View:
             f"{background_file}: background of {_size(background)}, image of {_size(image)}; "
             f"{where} needs both from the same camera at the same size"
         )
-    height, width = image.shape[:2]
-    camera = Camera(
+    return View(camera_of(entry, image, where), image, background, name=entry["image"])
+
+
+def camera_of(entry: dict[str, Any], photo: Image, where: str) -> Camera:
+    """The camera of an entry of 'views' that took a photo."""
+    height, width = photo.shape[:2]
+    return Camera(
         check_intrinsics(entry.get("intrinsics"), width, height, f"{where}: intrinsics"),
         check_rigid(entry.get("world_from_camera"), f"{where}: world_from_camera"),
         width,
         height,
         check_sensed(entry.get("sensed"), width, height, f"{where}: sensed"),
     )
-    return View(camera, image, background, name=entry["image"])
 
 
 def photo_of(folder: Path, entry: dict[str, Any], key: str, where: str) -> Path:
