@@ -68,13 +68,22 @@ def write_scene(path: str | Path, views: Views) -> None:
     """Writes `views` as a scene into folder `path`. `scene.json` comes last and at once: a folder without it
     is not a scene yet."""
     path = Path(path)
-    entries = []
-    for i, view in enumerate(views.frames):
-        entry: dict[str, Any] = {"image": f"images/{i}.png", "background": f"backgrounds/{i}.png"}
+    document = scene_document(views)
+    for entry, view in zip(document["views"], views.frames, strict=True):
         for key, pixels in (("image", view.image), ("background", view.background)):
             target = path / entry[key]
             target.parent.mkdir(parents=True, exist_ok=True)
             Picture.fromarray(pixels).save(target, compress_level=4)
+    part = path / (FILE + ".part")
+    part.write_text(json.dumps(document, indent=1), encoding="utf-8")
+    part.replace(path / FILE)
+
+
+def scene_document(views: Views) -> dict[str, Any]:
+    """The content of `scene.json`, with names for the photos."""
+    entries = []
+    for i, view in enumerate(views.frames):
+        entry: dict[str, Any] = {"image": f"images/{i}.png", "background": f"backgrounds/{i}.png"}
         entry["intrinsics"] = view.camera.intrinsics.tolist()
         entry["world_from_camera"] = view.camera.world_from_camera.tolist()
         if view.camera.sensed is not None:
@@ -85,10 +94,7 @@ def write_scene(path: str | Path, views: Views) -> None:
         **views.workspace.unusual(),
         "world_from_workspace": views.workspace.world_from_workspace.tolist(),
     }
-    text = json.dumps({"format": FORMAT, "version": VERSION, "workspace": place, "views": entries}, indent=1)
-    part = path / (FILE + ".part")
-    part.write_text(text, encoding="utf-8")
-    part.replace(path / FILE)
+    return {"format": FORMAT, "version": VERSION, "workspace": place, "views": entries}
 
 
 def read_json(file: Path) -> dict[str, Any]:
