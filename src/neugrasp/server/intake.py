@@ -78,7 +78,7 @@ def cell_of(scene: bytes, backgrounds: Sequence[Photo], most_pixels: int) -> Cel
 
 
 def seen_at(cell: Cell, images: Sequence[Photo], most_pixels: int) -> Seen:
-    """The photos of a scene, in the order of the cell's views. Raises `InputError` where they cannot be used."""
+    """The photos of a scene, in the order of the cell's views. Raises `InputError` where one is none."""
     _check_count(images, "image", len(cell.frames))
     views, told = [], list(cell.told)
     for number, (frame, photo) in enumerate(zip(cell.frames, images, strict=True)):

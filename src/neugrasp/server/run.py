@@ -13,7 +13,7 @@ from neugrasp.errors import InputError, require
 from neugrasp.server.command import Serve
 from neugrasp.viewer.door import free_port
 
-NEEDED = ("fastapi", "uvicorn", "multipart", "prometheus_client", "fastapi_offline")
+NEEDED = ("fastapi", "uvicorn", "python_multipart", "prometheus_client", "fastapi_offline")
 TOKEN = re.compile(r"[A-Za-z0-9._~+/=-]{16,512}")
 """What a header can carry, and nobody guesses."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Awaitable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -113,7 +113,7 @@ class Service:
         steering: Steering,
         wanted: Wanted,
         visit: Visit,
-        gone: Awaitable[Any],
+        gone: Callable[[], Awaitable[Any]],
     ) -> Found:
         """Grasps of a scene at a cell that is kept, or at one that comes along.
 

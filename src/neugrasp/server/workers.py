@@ -61,7 +61,7 @@ class Workers:
             self.held -= 1
 
     async def run(
-        self, job: Callable[[Detector[Any]], Result], patience_s: float, gone: Awaitable[Any]
+        self, job: Callable[[Detector[Any]], Result], patience_s: float, gone: Callable[[], Awaitable[Any]]
     ) -> tuple[Result, float]:
         """What a job makes of a detector that is free, and the seconds that it waited.
 
@@ -82,7 +82,7 @@ class Workers:
 
         future = self._pool.submit(work)
         answer = asyncio.ensure_future(asyncio.wrap_future(future))
-        left = asyncio.ensure_future(gone)
+        left = asyncio.ensure_future(gone())
         try:
             done, _ = await asyncio.wait(
                 {answer, left}, timeout=patience_s, return_when=asyncio.FIRST_COMPLETED
