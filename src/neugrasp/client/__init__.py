@@ -13,5 +13,6 @@ from __future__ import annotations
 
 from neugrasp.client.client import AsyncClient, Client
 from neugrasp.client.messages import Answer, ServerError
+from neugrasp.client.token import read_token
 
-__all__ = ["Answer", "AsyncClient", "Client", "ServerError"]
+__all__ = ["Answer", "AsyncClient", "Client", "ServerError", "read_token"]

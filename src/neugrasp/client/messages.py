@@ -156,7 +156,7 @@ def _findings(doctor: Fields) -> list[str]:
 
 
 def answer_of(content: Fields, request: Request) -> Answer:
-    detection = Detection.from_dict(content.get("detection"), content.source)
+    detection = Detection.from_dict(content.get("detection"), f"{content.source}, detection")
     doctor = content.inside("doctor")
     return Answer(
         replace(detection, source=request.source),

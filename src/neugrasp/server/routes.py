@@ -194,7 +194,9 @@ async def _detect(
     with _kept(await mask.read() if mask else None) as file:
         asked = steering_of(steering, file)
         photos = await _photos(images)
-        return await _service(request).detect(scene, photos, asked, wanted, _visit(request), lambda: _gone(request))
+        return await _service(request).detect(
+            scene, photos, asked, wanted, _visit(request), lambda: _gone(request)
+        )
 
 
 async def _answer(request: Request, found: Found, wanted: Wanted) -> Response:

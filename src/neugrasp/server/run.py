@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import importlib
 import ipaddress
-import re
 import socket
-from pathlib import Path
 
-from neugrasp.data.user_files import read_text
+from neugrasp.client import read_token
 from neugrasp.errors import InputError, require
 from neugrasp.server.command import Serve
 from neugrasp.viewer.door import free_port
 
 NEEDED = ("fastapi", "uvicorn", "python_multipart", "prometheus_client", "fastapi_offline")
-TOKEN = re.compile(r"[A-Za-z0-9._~+/=-]{16,512}")
-"""What a header can carry, and nobody guesses."""
 
 
 def run(config: Serve) -> str:
@@ -23,7 +19,7 @@ def run(config: Serve) -> str:
     for module in NEEDED:
         require(module, extra="serve")
     _check(config)
-    token = _token(config.token_file)
+    token = read_token(config.token_file)
     if token is None and not _is_own(config.host):
         raise InputError(
             f"--host {config.host}: others can reach it, so clients must send a token: write one of at least "
@@ -48,19 +44,6 @@ def _check(config: Serve) -> None:
     ):
         if not least <= number < 1e6:
             raise InputError(f"{what} {number:g}: must be at least {least:g}")
-
-
-def _token(file: Path | None) -> str | None:
-    """The token in a file. Raises `InputError` where there is none that can be used."""
-    if file is None:
-        return None
-    try:
-        token = read_text(file).strip()
-    except FileNotFoundError:
-        raise InputError(f"{file}: missing; --token-file names it") from None
-    if not TOKEN.fullmatch(token):
-        raise InputError(f"{file}: must hold one token of 16 to 512 letters, digits and . _ ~ + / = -")
-    return token
 
 
 def _is_own(host: str) -> bool:
