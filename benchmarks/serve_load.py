@@ -2,9 +2,9 @@
 
     python benchmarks/serve_load.py [--minutes 10] [--clients 3] [--json FILE]
 
-Starts `neugrasp serve` on the loopback address. Each client keeps a cell of its own, a bundled scene, and asks it
-again and again, one question after the other. Every answer is held against the first one of its cell: another
-cell's backgrounds would be seen. Before and after, the same detector is timed in a process of its own, alone.
+Starts `neugrasp serve` on the loopback address. Each client keeps a cell of its own, a bundled scene, and
+asks it again and again. Every answer is held against the first one of its cell: backgrounds of another
+cell would be seen. Before and after, the same detector is timed in a process of its own, alone.
 At most 15 minutes.
 """
 
@@ -63,7 +63,7 @@ def main() -> None:
     minutes = min(options.minutes, LONGEST)
     scenes = [scene.folder for scene in demo_scenes()]
     before = alone(scenes[0])
-    port = free_port("127.0.0.1", 0)
+    port = free_port("127.0.0.1", None)
     command = [sys.executable, "-m", "neugrasp", "serve", "--port", str(port)]
     with subprocess.Popen(command, stderr=subprocess.DEVNULL) as server:
         try:

@@ -3,9 +3,9 @@
     neugrasp serve
     python examples/11_ask_a_server.py
 
-The server holds the weights; this program needs no torch. Cameras and photos of the empty table are given to the
-server once, under the name of the cell: it keeps the features of the backgrounds, and each question brings four
-new photos only. What comes back is the same `Detection` as in a process that predicts itself. On another machine:
+The server holds the weights; who asks needs no torch. Cameras and photos of the empty table are given to
+it once, under the name of the cell: it keeps their features, and each question brings new photos only.
+What comes back is the same `Detection` as in a process that predicts itself. On another machine:
 `neugrasp serve --host 0.0.0.0 --token-file FILE`, and the token here.
 
 Without `--url` a server is started for as long as the example runs.
@@ -18,7 +18,7 @@ import sys
 import time
 import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import tyro
@@ -31,7 +31,7 @@ from neugrasp.viewer.door import free_port
 @contextmanager
 def server(weights: str) -> Iterator[str]:
     """The address of a server that ends with the block."""
-    port = free_port("127.0.0.1", 0)
+    port = free_port("127.0.0.1", None)
     url = f"http://127.0.0.1:{port}"
     command = [sys.executable, "-m", "neugrasp", "serve", "--port", str(port), "--weights", weights]
     with subprocess.Popen(command) as process:
@@ -54,12 +54,9 @@ def is_ready(url: str) -> bool:
 
 def main(url: str | None = None, scene: Path | None = None, weights: str = "neugrasp") -> None:
     """Keeps a cell, asks it twice, and saves the last answer."""
-    if url is None:
-        with server(weights) as address:
-            return main(address, scene)
     folder = scene or demo_scenes()[0].folder
-    with Client(url) as client:
-        print(f"{url} answers with {client.weights()['weights']}")
+    with nullcontext(url) if url else server(weights) as address, Client(address) as client:
+        print(f"{address} answers with {client.weights()['weights']}")
         client.keep_cell("table", folder)
         for _ in range(2):
             begun = time.perf_counter()

@@ -139,7 +139,9 @@ class Gate:
             **({"refused": visit.reason} if visit.reason else {}),
             **visit.facts,
         }
-        log.info("%s", json.dumps(line))
+        # Those who ask whether it lives ask often.
+        is_quiet = visit.scope["path"] in OPEN and visit.status == 200
+        log.log(logging.DEBUG if is_quiet else logging.INFO, "%s", json.dumps(line))
 
 
 class Visit:

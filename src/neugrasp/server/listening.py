@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import signal
+import socket
 import threading
 import time
 from collections.abc import Iterator
@@ -21,7 +22,6 @@ from neugrasp.server.app import gated
 from neugrasp.server.command import Serve
 from neugrasp.server.service import Service
 from neugrasp.terminal import next_step
-from neugrasp.viewer.door import free_port
 
 log = logging.getLogger(__name__)
 CONNECTIONS = 256
@@ -39,10 +39,6 @@ def listen(config: Serve, port: int, token: str | None) -> str:
     """
     service = Service(config)
     server = Server(service, port, token)
-    where = f"http://{_in_url(config.host)}:{port}"
-    log.info(
-        "listening at %s: photos can be dropped on the page there, %s/docs says how to ask", where, where
-    )
     server.serve_until_told()
     if server.told == signal.SIGINT:
         raise KeyboardInterrupt
@@ -54,8 +50,7 @@ def check(config: Serve, token: str | None) -> str:
     reached("steps", 0, STEPS)
     service = Service(config)
     reached("steps", 1, STEPS)
-    port = free_port("127.0.0.1", 0)
-    server = Server(service, port, token, host="127.0.0.1")
+    server = Server(service, 0, token, host="127.0.0.1")
     thread = threading.Thread(target=server.serve_until_told)
     thread.start()
     try:
@@ -83,7 +78,7 @@ class Server(uvicorn.Server):
         """`host` in place of the one that the options of the service have."""
         options = service.options
         self.service, self.told = service, 0
-        self._host, self._port = host or options.host, port
+        self._host = host or options.host
         super().__init__(
             uvicorn.Config(
                 gated(service, self._host, token),
@@ -120,6 +115,13 @@ class Server(uvicorn.Server):
             if time.monotonic() > end:
                 raise NeuGraspError(f"the server does not listen after {START_S:.0f} s")
             time.sleep(0.02)
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Listens, and says where."""
+        await super().startup(sockets)
+        if self.started:
+            where = f"http://{_in_url(self._host)}:{self.port}"
+            log.info("listening at %s: a page to drop photos on; %s/docs says how to ask", where, where)
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Begins to drain."""
