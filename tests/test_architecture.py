@@ -29,7 +29,7 @@ LAYERS = [
     {"evaluation"},
     {"report", "exporters", "viewer"},
     {"demo"},
-    {"bench", "figures", "server"},
+    {"bench", "figures", "server", "ros"},
     {"cli"},
     {"__main__"},
 ]
@@ -147,6 +147,7 @@ HEAVY |= {"cv2", "sklearn", "fastapi", "pydantic", "uvicorn", "httpx"}
         ("neugrasp.exporters.exporting", {*HEAVY, "torch"}),
         ("neugrasp.client", {*HEAVY, "torch"}),
         ("neugrasp.server.run", {*HEAVY, "torch"}),
+        ("neugrasp.ros.node", {*HEAVY, "torch"}),
         ("neugrasp.simulation.generate", {"torch", "bpy", "matplotlib"}),
     ],
 )

@@ -30,6 +30,7 @@ STEPS = {
     "export": "export out",
     "view": "view out --screenshot view.png --size 320 200",
     "serve": "serve --check",
+    "ros": "ros node.json --write",
     "board": "board --out board.pdf",
     "import": "import nerfstudio phone --alignment phone/alignment.json --out scene",
     "generate": "generate --no-photos --num 2 --workers 1 --out data",
