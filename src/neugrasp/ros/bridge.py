@@ -1,7 +1,7 @@
-"""A connection to a rosbridge, protocol 2, that comes back: the only file of this part that imports websockets.
+"""A connection to a rosbridge, protocol 2, that comes back: here alone this part imports websockets.
 
-roslibpy 2.1 cannot offer actions ("not yet implemented"), waits up to an hour before it connects again, and its
-default transport runs once in a process. What is needed of the protocol fits in a page.
+roslibpy 2.1 cannot offer actions ("not yet implemented"), waits up to an hour before it connects again, and
+its default transport runs once in a process. What is needed of the protocol fits in a page.
 """
 
 from __future__ import annotations
