@@ -25,11 +25,11 @@ LAYERS = [
     {"metrics", "pictures", "change", "kernels"},
     {"model", "simulation", "data"},
     {"detection", "training", "baselines", "doctor", "importers"},
-    {"robot"},
+    {"robot", "client"},
     {"evaluation"},
     {"report", "exporters", "viewer"},
     {"demo"},
-    {"bench", "figures"},
+    {"bench", "figures", "server", "ros"},
     {"cli"},
     {"__main__"},
 ]
@@ -99,6 +99,10 @@ def test_reading_needs_the_errors_only(module: str):
         ("viser", "viewer/stage.py"),
         ("cv2", "importers/markers.py"),
         ("sklearn", "figures/embedding.py"),
+        ("uvicorn", "server/listening.py"),
+        ("prometheus_client", "server/meters.py"),
+        ("pydantic", "server/schemas.py"),
+        ("httpx", "client/client.py"),
     ],
 )
 def test_heavy_modules_have_one_home(module: str, home: str):
@@ -130,7 +134,7 @@ def test_files_can_be_read_in_one_sitting(file: Path):
 
 
 HEAVY = {"pybullet", "pybullet_data", "bpy", "trimesh", "matplotlib", "tensorboard", "tyro", "viser"}
-HEAVY |= {"cv2", "sklearn"}
+HEAVY |= {"cv2", "sklearn", "fastapi", "pydantic", "uvicorn", "httpx"}
 
 
 @pytest.mark.parametrize(
@@ -142,6 +146,9 @@ HEAVY |= {"cv2", "sklearn"}
         ("neugrasp.data.records", {*HEAVY, "torch"}),
         ("neugrasp.importers.importing", {*HEAVY, "torch"}),
         ("neugrasp.exporters.exporting", {*HEAVY, "torch"}),
+        ("neugrasp.client", {*HEAVY, "torch"}),
+        ("neugrasp.server.run", {*HEAVY, "torch"}),
+        ("neugrasp.ros.node", {*HEAVY, "torch"}),
         ("neugrasp.simulation.generate", {"torch", "bpy", "matplotlib"}),
     ],
 )

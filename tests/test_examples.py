@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib.util
 import logging
 import re
 import runpy
@@ -169,6 +170,14 @@ def test_from_other_programs(run: Run, ball: Path, weights: Path, tmp_path: Path
     for view, original in zip(imported.frames, source.frames, strict=True):
         assert np.array_equal(view.image, original.image)
         assert np.allclose(view.camera.world_from_camera, original.camera.world_from_camera, atol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(importlib.util.find_spec("fastapi") is None, reason="fastapi is not installed")
+def test_ask_a_server(run: Run, ball: Path, weights: Path, tmp_path: Path) -> None:
+    printed = run("11", "--scene", ball, "--weights", weights)
+    assert printed.count(" grasps in ") == 2
+    assert (tmp_path / "outputs/asked/surface.ply").is_file()
 
 
 def test_examine_a_capture(run: Run) -> None:

@@ -29,6 +29,8 @@ STEPS = {
     "predict": f"predict {SCENE} --out out --report",
     "export": "export out",
     "view": "view out --screenshot view.png --size 320 200",
+    "serve": "serve --check",
+    "ros": "ros node.json --write",
     "board": "board --out board.pdf",
     "import": "import nerfstudio phone --alignment phone/alignment.json --out scene",
     "generate": "generate --no-photos --num 2 --workers 1 --out data",
@@ -121,6 +123,10 @@ def test_a_walk_through_every_command(tmp_path: Path):
         importlib.import_module("viser")
     except (NeuGraspError, ImportError):
         left.pop("view")
+    try:
+        importlib.import_module("neugrasp.server.listening")
+    except ImportError:
+        left.pop("serve")
     for name, words in left.items():
         if name == "compare":
             shutil.copytree(tmp_path / "rounds", tmp_path / "rounds2")

@@ -27,6 +27,8 @@ from neugrasp.exporters.command import Export
 from neugrasp.figures.command import Figure
 from neugrasp.importers.command import Import, PrintBoard
 from neugrasp.report.command import DataSheet, Predict
+from neugrasp.ros.command import Ros
+from neugrasp.server.command import Serve
 from neugrasp.simulation.command import Generate
 from neugrasp.terminal import check_command, printable, speak_plainly
 from neugrasp.training.command import Train, TrainEvaluator
@@ -76,6 +78,8 @@ COMMANDS: dict[str, Command] = {
     "doctor": Command(_positional(Doctor), "doctor.run:run"),
     "predict": Command(_positional(Predict), "report.predict:predict"),
     "view": Command(_positional(Viewer), "viewer.run:run"),
+    "serve": Command(Serve, "server.run:run"),
+    "ros": Command(_positional(Ros), "ros.run:run"),
     "import": Command(_positional(Import), "importers.importing:run"),
     "generate": Command(Generate, "simulation.generate:run"),
     "train": Command(Train, "training.trainer:run", "training.recipes:configured"),

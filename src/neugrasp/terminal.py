@@ -25,6 +25,8 @@ def speak_plainly() -> TerminalLog:
     handler = TerminalLog(sys.stderr)
     logging.basicConfig(level=logging.INFO, handlers=[handler])
     progress.log.setLevel(logging.DEBUG)
+    # It tells of every request.
+    logging.getLogger("httpx").setLevel(logging.WARNING)
     return handler
 
 

@@ -12,7 +12,7 @@ from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Box, Camera
 from neugrasp.geometry.pose import Array, inverse, is_rigid, rigid
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.observation import Views
+from neugrasp.observation import Observation
 
 FARTHEST_CAMERA = 10.0
 """Metres between a camera and the workspace; beyond it the numbers are taken for millimetres."""
@@ -102,7 +102,7 @@ def check_sensed(value: Any, width: int, height: int, where: str) -> Box | None:
     return (left, top, right, bottom)
 
 
-def check_scene(scene: Views, where: str) -> None:
+def check_scene(scene: Observation, where: str) -> None:
     """Raises `InputError` where the cameras cannot have seen the workspace, with the likeliest cause."""
     cameras = [view.camera for view in scene.frames]
     workspace = scene.workspace

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +65,23 @@ AS_STORED = {
 logger = logging.getLogger(__name__)
 
 
-def read_image(file: Path, where: str) -> Image:
+@dataclass(frozen=True)
+class Photo:
+    """A photo that came by another way than a file: as a file holds it, and what messages call it."""
+
+    name: str
+    data: bytes = field(repr=False)
+
+    def __str__(self) -> str:
+        return self.name
+
+    @property
+    def suffix(self) -> str:
+        """As that of a path."""
+        return Path(self.name).suffix
+
+
+def read_image(file: Path | Photo, where: str) -> Image:
     """A photo as RGB, (height, width, 3), its pixels as they are stored: an EXIF orientation turns nothing.
     `where` says who asked for it, for the message."""
     with _opened(file, where) as picture:
@@ -84,7 +101,7 @@ def read_image(file: Path, where: str) -> Image:
     return image
 
 
-def image_size(file: Path, where: str) -> tuple[int, int]:
+def image_size(file: Path | Photo, where: str) -> tuple[int, int]:
     """Width and height of a photo, which is not decoded. Raises like `read_image`."""
     with _opened(file, where) as picture:
         return picture.size
@@ -103,7 +120,7 @@ class Tags:
     """The same in pixels of the photo; None where it is not known, or the photo was cropped."""
 
 
-def photo_tags(file: Path, where: str) -> Tags:
+def photo_tags(file: Path | Photo, where: str) -> Tags:
     """The tags of a photo, which is not decoded. Raises like `read_image`."""
     with _opened(file, where) as picture:
         exif = picture.getexif()
@@ -127,15 +144,17 @@ def _is_cropped(details: dict[int, Any], size: tuple[int, int]) -> bool:
 
 
 @contextmanager
-def _opened(file: Path, where: str) -> Iterator[Picture.Image]:
+def _opened(file: Path | Photo, where: str) -> Iterator[Picture.Image]:
     """The picture, not decoded yet; what goes wrong until it is closed becomes an `InputError`."""
     try:
-        check_regular(file)
+        source: Path | io.BytesIO = io.BytesIO(file.data) if isinstance(file, Photo) else file
+        if isinstance(source, Path):
+            check_regular(source)
         with warnings.catch_warnings():
             # Pillow warns from 89 megapixels on; the limit here is our own. Damaged tags are no tags to us.
             warnings.simplefilter("ignore", Picture.DecompressionBombWarning)
             warnings.simplefilter("ignore", UserWarning)
-            with Picture.open(file, formats=FORMATS) as picture:
+            with Picture.open(source, formats=FORMATS) as picture:
                 _check_size(picture, file, where)
                 yield picture
     except FileNotFoundError:
@@ -152,20 +171,20 @@ def _opened(file: Path, where: str) -> Iterator[Picture.Image]:
         raise InputError(f"{file}: {error}; {where} needs a complete PNG or JPEG photo") from error
 
 
-def _check_size(picture: Picture.Image, file: Path, where: str) -> None:
+def _check_size(picture: Picture.Image, file: Path | Photo, where: str) -> None:
     width, height = picture.size
     if width * height > MOST_PIXELS:
         raise InputError(_too_large(file, f"{width} x {height} pixels, more", where))
 
 
-def _too_large(file: Path, size: str, where: str) -> str:
+def _too_large(file: Path | Photo, size: str, where: str) -> str:
     return (
         f"{file}: {size} than the {MOST_PIXELS // 10**6} megapixels that are read; {where} needs a smaller "
         "photo"
     )
 
 
-def _check_depth(image: Image, file: Path, where: str) -> None:
+def _check_depth(image: Image, file: Path | Photo, where: str) -> None:
     """Of 16 bits a channel the upper 8 are read. Raises `InputError` where they hold no photo: sensors with
     10 to 14 bits fill the lower ones."""
     if image.max() < DARKEST_WHITE:
@@ -176,7 +195,7 @@ def _check_depth(image: Image, file: Path, where: str) -> None:
     logger.warning("%s: 16 bits a channel; the upper 8 of them are used", file)
 
 
-def _tell_of_holes(picture: Picture.Image, file: Path) -> None:
+def _tell_of_holes(picture: Picture.Image, file: Path | Photo) -> None:
     if "A" in picture.getbands() or "transparency" in picture.info:
         alpha = np.asarray(picture.convert("RGBA").getchannel("A"))
         if (share := float((alpha < 255).mean())) > 0:

@@ -68,13 +68,22 @@ def write_scene(path: str | Path, views: Views) -> None:
     """Writes `views` as a scene into folder `path`. `scene.json` comes last and at once: a folder without it
     is not a scene yet."""
     path = Path(path)
-    entries = []
-    for i, view in enumerate(views.frames):
-        entry: dict[str, Any] = {"image": f"images/{i}.png", "background": f"backgrounds/{i}.png"}
+    document = scene_document(views)
+    for entry, view in zip(document["views"], views.frames, strict=True):
         for key, pixels in (("image", view.image), ("background", view.background)):
             target = path / entry[key]
             target.parent.mkdir(parents=True, exist_ok=True)
             Picture.fromarray(pixels).save(target, compress_level=4)
+    part = path / (FILE + ".part")
+    part.write_text(json.dumps(document, indent=1), encoding="utf-8")
+    part.replace(path / FILE)
+
+
+def scene_document(views: Views) -> dict[str, Any]:
+    """The content of `scene.json`, with names for the photos."""
+    entries = []
+    for i, view in enumerate(views.frames):
+        entry: dict[str, Any] = {"image": f"images/{i}.png", "background": f"backgrounds/{i}.png"}
         entry["intrinsics"] = view.camera.intrinsics.tolist()
         entry["world_from_camera"] = view.camera.world_from_camera.tolist()
         if view.camera.sensed is not None:
@@ -85,17 +94,18 @@ def write_scene(path: str | Path, views: Views) -> None:
         **views.workspace.unusual(),
         "world_from_workspace": views.workspace.world_from_workspace.tolist(),
     }
-    text = json.dumps({"format": FORMAT, "version": VERSION, "workspace": place, "views": entries}, indent=1)
-    part = path / (FILE + ".part")
-    part.write_text(text, encoding="utf-8")
-    part.replace(path / FILE)
+    return {"format": FORMAT, "version": VERSION, "workspace": place, "views": entries}
 
 
 def read_json(file: Path) -> dict[str, Any]:
     """The content of `scene.json`, of a format and version that this program reads."""
     if not file.exists() and not file.is_symlink():
         raise InputError(f"{file}: missing; a scene is a folder with {FILE}, images/ and backgrounds/")
-    data = read_object(file, "a scene")
+    return checked_head(read_object(file, "a scene"), file)
+
+
+def checked_head(data: dict[str, Any], file: Path) -> dict[str, Any]:
+    """The content of `file`, if it is a scene of a format and version that this program reads."""
     if data.get("format") != FORMAT:
         raise InputError(f'{file}: not a scene; it must be an object with "format": "{FORMAT}"')
     version = data.get("version")
@@ -147,15 +157,19 @@ def view_of(entry: Any, where: str, folder: Path) -> View:
             f"{background_file}: background of {_size(background)}, image of {_size(image)}; "
             f"{where} needs both from the same camera at the same size"
         )
-    height, width = image.shape[:2]
-    camera = Camera(
+    return View(camera_of(entry, image, where), image, background, name=entry["image"])
+
+
+def camera_of(entry: dict[str, Any], photo: Image, where: str) -> Camera:
+    """The camera of an entry of 'views' that took a photo."""
+    height, width = photo.shape[:2]
+    return Camera(
         check_intrinsics(entry.get("intrinsics"), width, height, f"{where}: intrinsics"),
         check_rigid(entry.get("world_from_camera"), f"{where}: world_from_camera"),
         width,
         height,
         check_sensed(entry.get("sensed"), width, height, f"{where}: sensed"),
     )
-    return View(camera, image, background, name=entry["image"])
 
 
 def photo_of(folder: Path, entry: dict[str, Any], key: str, where: str) -> Path:

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from neugrasp.detection.ask_head import predict_grasps
+from neugrasp.detection.background_memory import CELLS, BackgroundMemory
 from neugrasp.detection.contract import Detection, Stopwatch
 from neugrasp.detection.decode import Prediction, Selection, SelectionConfig, select_grasps
 from neugrasp.detection.hand_check import HandCheck
@@ -31,11 +32,11 @@ HINTS = 0.3
 
 
 class NeuGraspDetector:
-    """Photos to grasps with the network. Features of the last backgrounds are kept and reused.
+    """Photos to grasps with the network. Features of the backgrounds of some cells are kept and reused.
 
     With a `judge` the head only proposes; what is a grasp, and how sure, the evaluator says.
 
-    One detector serves many threads, and many cells in turn.
+    One detector serves many threads, and many cells: those seen last, up to `cells` of them, are remembered.
     """
 
     def __init__(
@@ -46,14 +47,14 @@ class NeuGraspDetector:
         device: str | torch.device = "cpu",
         precision: str = "float32",
         judge: Judge | None = None,
+        cells: int = CELLS,
     ):
         self.compute = Compute.of(device, precision)
         self.model = model.to(self.compute.device).eval()
         self.gripper = gripper
         self.selection = selection or SelectionConfig()
         self.judge = judge
-        self._cached: tuple[Tensor, Tensor] | None = None
-        """The backgrounds seen last and their feature maps."""
+        self.memory = BackgroundMemory(cells)
 
     @classmethod
     def load(
@@ -141,6 +142,16 @@ class NeuGraspDetector:
             views.workspace, self.gripper, prediction.tsdf, self.threshold, watch.seconds, views.source
         )
 
+    @torch.no_grad()
+    def remember(self, seen: Observation) -> None:
+        """Makes the features of the backgrounds, so that the first `detect` at this cell finds them.
+
+        The photos do not matter. Raises `InputError` as `detect` does.
+        """
+        inputs = prepare(with_backgrounds(seen), self.model.config.image_size).to(self.compute.device)
+        with self.compute.autocast():
+            self._backgrounds(inputs)
+
     def _chosen(self, prediction: Prediction) -> Selection:
         chosen = select_grasps(prediction, self.model.workspace, self.gripper, self.selection)
         if self.judge is None:
@@ -151,11 +162,7 @@ class NeuGraspDetector:
     def _backgrounds(self, inputs: ViewTensors) -> Tensor | None:
         if not self.model.config.use_backgrounds:
             return None
-        cached = self._cached  # read once: another thread may be at another cell
-        if cached is None or not torch.equal(cached[0], inputs.backgrounds):
-            cached = inputs.backgrounds, self.model.encode(inputs.backgrounds)
-            self._cached = cached
-        return cached[1]
+        return self.memory.maps(inputs.backgrounds, self.model.encode)
 
 
 def check_cube(workspace: Workspace, trained: Workspace) -> None:

@@ -65,14 +65,14 @@ def examine(capture: Capture) -> Diagnosis:
     return _examine(Reading(capture, ()))
 
 
-def examine_read(views: Views, thoroughly: bool = False) -> Diagnosis:
-    """Of a scene as `read_scene` gave it, with what its files say.
+def examine_read(views: Views, thoroughly: bool = False, tags: Sequence[Finding] | None = None) -> Diagnosis:
+    """Of a scene as `read_scene` gave it, with what its files say: `tags`, by default read from them.
 
     By default by what costs next to nothing and decides: conventions, units, intrinsics, coverage, what
     photos say of themselves (rotation, focal length), equal photos, and whether the photos agree about the
     table.
     """
-    reading = Reading(Capture.of(views), tuple(tags_of(views)))
+    reading = Reading(Capture.of(views), tuple(tags_of(views) if tags is None else tags))
     return _examine(reading, _look if thoroughly else _glance)
 
 

@@ -3,37 +3,56 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from neugrasp.data.photo_files import OTHER_FOCAL, photo_tags
+from neugrasp.data.photo_files import OTHER_FOCAL, Tags, photo_tags
 from neugrasp.data.scene_folder import photo_of
 from neugrasp.doctor.findings import Finding, Level
 from neugrasp.doctor.problems import OTHER_LENS, ROTATION_TAG
+from neugrasp.geometry.camera import Camera
 from neugrasp.observation import View
 
 SAME_FOCAL = 1.1
 """Factor between the photos of one camera; a phone's lenses are further apart."""
 
 
+@dataclass(frozen=True)
+class Told:
+    """What a photo says of itself, and the camera that is said to have taken it."""
+
+    name: str
+    tags: Tags
+    camera: Camera
+
+
 def check_tags(folder: Path, entries: Sequence[Any], views: Sequence[View]) -> list[Finding]:
     """Of the readable views of a scene and their entries in scene.json: photos that are to be shown turned or
     mirrored, and those taken with another focal length than the intrinsics have."""
-    turned: list[str] = []
-    factors: dict[str, float] = {}
-    lengths: dict[str, float] = {}
+    told = []
     for number, (entry, view) in enumerate(zip(entries, views, strict=True)):
         for key in ("image", "background"):
             where = f"view {number}"
             tags = photo_tags(photo_of(folder, entry, key, where), where)
-            name = entry[key]
-            if tags.lies is not None:
-                turned.append(f"{name} is stored {tags.lies}")
-            if tags.focal_pixels is not None and view.camera.sensed is None:
-                factors[name] = tags.focal_pixels / view.camera.intrinsics[0, 0]
-                lengths[name] = tags.focal_35mm or 0.0
+            told.append(Told(entry[key], tags, view.camera))
+    return findings_of(told)
+
+
+def findings_of(photos: Sequence[Told]) -> list[Finding]:
+    """The same of photos whose tags were read."""
+    turned: list[str] = []
+    factors: dict[str, float] = {}
+    lengths: dict[str, float] = {}
+    for photo in photos:
+        name, tags, camera = photo.name, photo.tags, photo.camera
+        if tags.lies is not None:
+            turned.append(f"{name} is stored {tags.lies}")
+        if tags.focal_pixels is not None and camera.sensed is None:
+            factors[name] = tags.focal_pixels / camera.intrinsics[0, 0]
+            lengths[name] = tags.focal_35mm or 0.0
     findings = []
     if turned:
         text = f"EXIF orientation is not 1: {', '.join(turned)}"

@@ -43,6 +43,11 @@ class Predict:
     """Let the doctor look at everything first, as `neugrasp doctor` does."""
     force: bool = False
     """Predict even where the doctor says red."""
+    server: str | None = None
+    """The address of a `neugrasp serve` that predicts in place of this machine, with its own weights and
+    gripper: http://HOST:8421."""
+    token_file: Path | None = None
+    """A file with the token that the server asks for."""
 
 
 @dataclass(frozen=True)

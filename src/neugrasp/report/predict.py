@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import logging
 
+from neugrasp.client import Client, read_token
 from neugrasp.data.scene_folder import read_scene
 from neugrasp.data.whole_or_nothing import whole_or_nothing
-from neugrasp.detection.contract import Detector
+from neugrasp.detection.contract import Detection, Detector
 from neugrasp.detection.explanation import explain
 from neugrasp.detection.files import FILES
 from neugrasp.detection.options import DetectorOptions
@@ -15,7 +16,7 @@ from neugrasp.detection.steering import check_mask, steered
 from neugrasp.doctor.examination import Diagnosis, examine_read
 from neugrasp.doctor.findings import Level
 from neugrasp.errors import InputError
-from neugrasp.observation import Observation
+from neugrasp.observation import Observation, Views
 from neugrasp.progress import reached
 from neugrasp.report.command import Predict
 from neugrasp.report.prediction import prediction_report
@@ -24,6 +25,17 @@ from neugrasp.terminal import next_step
 logger = logging.getLogger(__name__)
 STEPS = 5
 """Reading, examining, loading the weights, detecting, writing."""
+OF_THE_SERVER = (
+    "detector",
+    "weights",
+    "gripper",
+    "threshold",
+    "hand_check",
+    "evaluator",
+    "device",
+    "precision",
+)
+"""Options that a server was started with."""
 
 
 def predict(run: Predict) -> str:
@@ -39,9 +51,7 @@ def predict(run: Predict) -> str:
         diagnosis = examine_read(views, run.examine)
         _check(run, diagnosis)
         reached("steps", 2, STEPS)
-        detector = _detector(run)
-        reached("steps", 3, STEPS)
-        detection = steered(detector.detect(views), run.steering, views)
+        detection = _detected(run, views)
         reached("steps", 4, STEPS)
         detection.write(part, views)
         if run.report:
@@ -59,6 +69,23 @@ def predict(run: Predict) -> str:
     if detection.grasps:
         then.append(next_step("export", run.out))
     return "\n".join([first, f"{look}: {diagnosis.verdict}", *files, *then])
+
+
+def _detected(run: Predict, views: Views) -> Detection:
+    """By this machine, or by the server that was named."""
+    if run.server is None:
+        detector = _detector(run)
+        reached("steps", 3, STEPS)
+        return steered(detector.detect(views), run.steering, views)
+    if changed := [name for name in OF_THE_SERVER if getattr(run, name) != getattr(Predict, name)]:
+        words = ", ".join(f"--{name.replace('_', '-')}" for name in changed)
+        raise InputError(
+            f"{words}: what the server at {run.server} predicts with was said when it was started"
+        )
+    with Client(run.server, read_token(run.token_file)) as client:
+        reached("steps", 3, STEPS)
+        # The doctor was asked here.
+        return client.ask(run.scene, run.steering, force=True).detection
 
 
 def _detector(run: Predict) -> Detector[Observation]:

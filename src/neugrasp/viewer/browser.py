@@ -12,6 +12,7 @@ import subprocess
 import tempfile
 import time
 import urllib.request
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -108,6 +109,19 @@ class Browser:
         self._ask("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
         for event in ("mousePressed", "mouseReleased"):
             self._ask("Input.dispatchMouseEvent", type=event, **where)
+
+    def evaluate(self, expression: str) -> Any:
+        """The value of a JavaScript expression on the page, as plain data."""
+        answer = self._ask("Runtime.evaluate", expression=expression, returnByValue=True)
+        if "exceptionDetails" in answer:
+            raise NeuGraspError(f"the page: {answer['exceptionDetails'].get('text')} in {expression}")
+        return answer["result"].get("value")
+
+    def choose_files(self, selector: str, files: Sequence[Path]) -> None:
+        """Chooses files in an input of the page, as its dialog does."""
+        document = self._ask("DOM.getDocument")["root"]["nodeId"]
+        node = self._ask("DOM.querySelector", nodeId=document, selector=selector)["nodeId"]
+        self._ask("DOM.setFileInputFiles", nodeId=node, files=[str(file) for file in files])
 
     def _ask(self, method: str, **parameters: Any) -> dict[str, Any]:
         """The page's answer to a command of the DevTools protocol."""

@@ -1,0 +1,1 @@
+"""Detection over HTTP: cells, photos in, grasps out (docs/server.md)."""
