@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image as Picture
 
-from neugrasp.cli import COMMANDS
+from neugrasp.cli import COMMANDS, main
 from neugrasp.data.scene_folder import read_scene
 from neugrasp.detection.explanation import WORDS
 
@@ -47,6 +47,26 @@ def test_every_command_that_is_named_exists():
     }
     assert commands
     assert commands <= set(COMMANDS)
+
+
+def test_every_option_that_is_named_exists(capsys: pytest.CaptureFixture[str]):
+    text = "\n".join(document.read_text() for document in DOCUMENTS).replace("\\\n", " ")
+    named: dict[str, set[str]] = {}
+    for command, words in re.findall(r"neugrasp ([a-z][a-z-]*)((?: [^\n`]*)?)", text):
+        named.setdefault(command, set()).update(re.findall(r"(?<![\w-])--[a-z][\w.-]*", words))
+    assert {"--one-object", "--approach", "--top"} <= named["predict"]
+    for command, options in named.items():
+        if command in COMMANDS and options:
+            with pytest.raises(SystemExit):
+                main([command, "--help"])
+            known = set(re.findall(r"--[a-z][\w.-]*", capsys.readouterr().out))
+            assert options <= known, f"{command}: {options - known}"
+
+
+@pytest.mark.parametrize("words", ["--region 0 0 0 1 1 1", "--mask 0 m.png", "--min-height 0.02", "--top 3"])
+def test_what_the_viewer_and_the_pages_say_of_steering_is_read(words: str, tmp_path: Path, capsys):
+    assert main(["predict", str(tmp_path / "none"), *words.split()]) == 2
+    assert "none/scene.json: missing" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)

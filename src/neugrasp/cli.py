@@ -71,7 +71,7 @@ def _loaded(name: str) -> Callable[..., Any]:
     return loaded
 
 
-_positional = tyro.conf.configure(tyro.conf.PositionalRequiredArgs)
+_positional = tyro.conf.configure(tyro.conf.PositionalRequiredArgs, tyro.conf.OmitArgPrefixes)
 COMMANDS: dict[str, Command] = {
     # First what users need first.
     "demo": Command(Demo, "demo.run:run"),

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
+import re
 from typing import Any
 
+import numpy as np
 import pytest
 
 from neugrasp.data.known_keys import refuse_bends, warn_of_unknown
@@ -57,6 +59,84 @@ BENT = {
     "rectification_matrix": [[0.9, 0.1, 0], [-0.1, 0.9, 0], [0, 0, 1]],
     "R": [0.9, 0.1, 0, -0.1, 0.9, 0, 0, 0, 1],
     "skew": 3.0,
+    # Letters of other alphabets and accents, where Latin ones are meant.
+    "\u043a1": 0.1,
+    "\u03ba1": 0.1,
+    "dist\u043ertion": [0.1],
+    "dist\u00f3rtion": [0.1],
+    "fi\u0455heye": True,
+    "applied_s\u0441ale": 0.5,
+    "\U0001d424\u2081": 0.1,
+    # Misspelt.
+    "distorsion": [0.1],
+    "disortion": [0.1],
+    "distorition_coefficients": [0.1],
+    "roling_shutter": 0.03,
+    "aplied_scale": 0.8,
+    "fishey": True,
+    # Other spellings and other programs.
+    "disto_k3": [0.1, 0, 0],
+    "cam_dist": [0.1],
+    "lens_params": {"k": [0.1]},
+    "undistort_params": [0.1],
+    "calibration_coeffs": [0.1],
+    "brown_conrady": [0.1],
+    "pincushion": 0.1,
+    "tau_x": 0.01,
+    "refractive_index": 1.33,
+    "camera": "fisheye",
+    "optics": "GoPro fisheye",
+    "proj_type": "equidistant",
+    "pixel_aspect_ratio": 1.07,
+    "shift_x": 0.1,
+    "principal_point_offset": [3, 4],
+    "digital_zoom": 2.0,
+    "center_crop": [1, 2, 3, 4],
+    "is_cropped": True,
+    "upside_down": True,
+    "vflip": True,
+    "image_rot": 90,
+    "downsampling": 2,
+    "intrinsics_scale": 0.5,
+    "calib_size": [1280, 960],
+    "linear_unit": "mm",
+    "unit_of_length": "cm",
+    "angle_unit": "degrees",
+    "millimeters": True,
+    "to_meters": 0.001,
+    "colmap_scale": 0.5,
+    "scaling_ratio": 0.5,
+    "up_to_scale": True,
+    "coord_system": "opengl",
+    "coordinates": "blender",
+    "handed": "left",
+    "quat_order": "wxyz",
+    "quaternion": "wxyz",
+    "rotation_order": "zyx",
+    "extrinsics_type": "w2c",
+    "column_major": True,
+    "is_opengl": True,
+    "inverted": True,
+    "tool_offset": [0, 0, 0.1],
+    "tcp": [0, 0, 0.1, 0, 0, 0],
+    "base_correction": [0.001, 0, 0],
+    "undistorted": False,
+    "is_rectified": "no",
+    "is_metric": False,
+    "global_shutter": False,
+    "fl_x": 600.0,
+    "camera_matrix": [[500, 0, 320], [0, 500, 240], [0, 0, 1]],
+    "fov": 60.0,
+    "readout": 0.03,
+    "line_delay": 1e-5,
+}
+TURN = [[0, -1, 0, 0.1], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+POSES = {
+    "world_from_base": TURN,
+    "T_base_world": TURN[:3],
+    "hand_eye": [number for row in TURN for number in row],
+    "icp": {"translation": [0, 0, 0.1], "rotation": [0, 0, 0, 1]},
+    "correction_by": {"xyz": [0, 0, 0.1], "rpy": [0, 0, 0]},
 }
 STRAIGHT = {
     "distortion": [0, 0, 0, 0, 0],
@@ -88,17 +168,69 @@ STRAIGHT = {
     "name": "a scene",
     "depth_scale": 0.001,
     "comment": "distortion was removed",
+    "sensor_model": "OmniVision OV9281",
+    "camera": "D435",
+    "undistorted": True,
+    "is_metric": True,
+    "pixel_aspect_ratio": 1,
+    "quaternion": "xyzw",
+    "angle_unit": "rad",
+    "extrinsics_type": "c2w",
+    "tool_offset": [0, 0, 0],
+    "distribution": [0.1, 0.2],
+    "min_distance": 0.2,
+    "aspect_ratio": 1.333,
+    # As apps for phones and readers of theirs write them.
+    "fps": 30,
+    "near": 0.01,
+    "far": 4.0,
+    "blur_score": 83.1,
+    "center_depth": 0.4,
+    "manual_keyframe": False,
+    "neighbors": [1, 2],
+    "is_bad": False,
+    "exposure_time": 0.01,
+    "aabb": [[-1, -1, -1], [1, 1, 1]],
+    "bbox": [10, 20, 300, 400],
+    "split": "train",
+    "box": TURN[0],
+    "same": np.eye(4).tolist(),
 }
 
 
 @pytest.mark.parametrize("key", BENT)
 def test_a_key_that_bends_geometry_is_refused_by_name(key: str):
     entry: dict[str, Any] = {"known": 1, key: BENT[key]}
-    with pytest.raises(InputError, match=rf"here: '{key}' is .*, which is not read here; "):
+    with pytest.raises(InputError, match=f"here: {re.escape(repr(key))} .*, which is not read here; "):
         refuse_bends(entry, ("known",), "here")
     refuse_bends(entry, ("known", key), "here")
     with pytest.raises(InputError, match=r"not read here; ask somebody"):
         refuse_bends(entry, ("known",), "here", "ask somebody")
+
+
+@pytest.mark.parametrize("key", POSES)
+def test_a_second_pose_is_refused_unless_it_is_one_that_is_read(key: str):
+    entry: dict[str, Any] = {"world_from_camera": TURN, key: POSES[key]}
+    with pytest.raises(InputError, match=f"{key!r} is a pose, which is not read here; .* '_{key}'"):
+        refuse_bends({**entry, "world_from_camera": np.diag([-1, -1, 1, 1])}, ("world_from_camera",), "here")
+    refuse_bends({f"_{key}": POSES[key]}, (), "here")
+    if isinstance(POSES[key], list):
+        inverse = np.linalg.inv(TURN).tolist()
+        refuse_bends({**entry, "camera_from_world": inverse}, ("world_from_camera",), "here")
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        {"calibration": {"left": {"D": [0.1, 0]}}},
+        {"cameras": {"0": {"optics": {"k1": 0.1}}}},
+        {"meta": {"a": [{"b": {"distorsion": [0.1]}}]}},
+    ],
+)
+def test_a_camera_in_objects_in_objects_is_seen(entry: dict[str, Any]):
+    with pytest.raises(InputError, match="is a coefficient of lens distortion"):
+        refuse_bends(entry, (), "here")
+    refuse_bends({"calibration": {"depth": {"D": [0.1, 0]}, "note": "k1"}}, (), "here")
 
 
 def test_a_key_that_says_that_nothing_is_bent_passes():

@@ -332,6 +332,15 @@ def test_a_key_that_bends_nothing_passes_and_a_misspelt_one_is_told(
     assert "did you mean 'sensed'?" in told[0]
 
 
+@pytest.mark.parametrize("key", ["width", "image_width", "W", "h", "imageHeight"])
+def test_a_size_that_is_not_the_photos_is_refused(scene_folder: Path, key: str):
+    height, width = read_scene(scene_folder).frames[0].image.shape[:2]
+    right = width if "w" in key.lower() else height
+    with pytest.raises(InputError, match=f"view 0: {key!r} is {2 * right}, the photo has {width} x {height}"):
+        read_scene(edited(scene_folder, lambda data: data["views"][0].update({key: 2 * right})))
+    read_scene(edited(scene_folder, lambda data: data["views"][0].update({key: right})))
+
+
 def test_links_that_leave_the_folder_are_refused(scene_folder: Path, tmp_path: Path):
     elsewhere = tmp_path / "elsewhere"
     (scene_folder / "images").rename(elsewhere)

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from record_strategies import assert_same_trials, tables
 
+from damage import damaged_json, fuzz, many
 from neugrasp.data.npz import npz_arrays, npz_bytes
 from neugrasp.data.trials import KINDS, Trials, joined, trials_from_bytes, trials_to_bytes
 from neugrasp.errors import InputError
@@ -80,10 +81,14 @@ def test_a_state_and_a_series_that_both_have_are_told_once(trials: Trials) -> No
         ({"states": 9}, "states names number 9 of"),
         ({"series": 9}, "series names number 9 of"),
         ({"distances": np.zeros((1, 40, 40, 40), np.float16)}, "distances has shape"),
-        ({"about": np.frombuffer(b"{", np.uint8)}, "damaged"),
-        ({"about": np.frombuffer(b"[]", np.uint8)}, "damaged"),
-        ({"about": np.frombuffer(b'{"format": "neugrasp-trials", "version": 2}', np.uint8)}, "version 1"),
-        ({"about": np.frombuffer(b'{"format": "neugrasp-trials", "version": 1}', np.uint8)}, "damaged"),
+        ({"about": np.frombuffer(b"{", np.uint8)}, "not valid JSON"),
+        ({"about": np.frombuffer(b"[" * 100_000, np.uint8)}, "too deep"),
+        ({"about": np.frombuffer(b"[]", np.uint8)}, "about is not a JSON object"),
+        ({"about": np.frombuffer(b'{"format": "neugrasp-trials", "version": 2}', np.uint8)}, "version is 2"),
+        (
+            {"about": np.frombuffer(b'{"format": "neugrasp-trials", "version": 1}', np.uint8)},
+            "reasons is missing",
+        ),
     ],
 )
 def test_a_damaged_table_is_named(change: dict[str, object], message: str, trials: Trials) -> None:
@@ -98,3 +103,15 @@ def test_a_damaged_table_is_named(change: dict[str, object], message: str, trial
     with pytest.raises(InputError, match=message) as caught:
         trials_from_bytes(npz_bytes(**arrays), "there/trials.npz")
     assert "there/trials.npz" in str(caught.value)
+
+
+@many
+def test_nothing_said_of_trials_ends_in_anything_but_one_error(examples: int, trials: Trials) -> None:
+    arrays = npz_arrays(trials_to_bytes(trials), KINDS, "trials.npz")
+    right = json.loads(arrays["about"].tobytes())
+
+    def read(text: str) -> None:
+        about = np.frombuffer(text.encode("utf-8", "surrogatepass"), np.uint8)
+        told(trials_from_bytes(npz_bytes(**{**arrays, "about": about}), "trials.npz"))
+
+    fuzz(read, damaged_json(right), examples)

@@ -129,6 +129,41 @@ def test_a_mask_is_drawn_in_one_of_the_photos(tmp_path: Path, small_views: Views
         steered(detection(LOW), Steering(mask=(0, tmp_path / "mask.png")), moved)
 
 
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (np.pad(np.ones((9, 9), np.uint8), 12), "nothing in it is brighter than half"),
+        (
+            np.dstack([np.full((36, 64, 3), 255, np.uint8), np.eye(36, 64, dtype=np.uint8) * 255]),
+            "all of it is",
+        ),
+        (np.zeros((36, 64), np.uint8), "nothing in it is brighter"),
+    ],
+    ids=["0 and 1", "transparent", "black"],
+)
+def test_a_mask_that_says_nothing_is_refused(
+    tmp_path: Path, small_views: Views, value: np.ndarray, message: str
+):
+    padded = np.zeros((36, 64), np.uint8)
+    if value.ndim == 2:
+        padded[: value.shape[0], : value.shape[1]] = value
+    Picture.fromarray(padded if value.ndim == 2 else value).save(tmp_path / "mask.png")
+    with pytest.raises(InputError, match=f"--mask 0 .*mask.png: {message}"):
+        steered(detection(LOW), Steering(mask=(0, tmp_path / "mask.png")), small_views)
+
+
+@pytest.mark.parametrize(
+    ("region", "message"),
+    [
+        ((-500, -500, -500, 500, 500, 500), "all of the cube lies in it"),
+        ((100, 100, 0, 300, 300, 200), "the cube lies outside of it"),
+    ],
+)
+def test_a_region_in_other_units_is_told(region: tuple[float, ...], message: str, caplog):
+    steered(detection(HIGH, LOW), Steering(region=region))
+    assert f"--region: {message}, which reaches from [" in caplog.text
+
+
 def test_without_wishes_all_stays_as_it_is():
     given = detection(HIGH, LOW)
     found = steered(given, Steering())
@@ -151,6 +186,8 @@ def test_the_cone_ends_at_its_angle(degrees: float):
         ({"approach": (0, 0, -1, 0)}, "--approach 0 0 -1 0"),
         ({"approach": (0, 0, float("nan"), 30)}, "--approach"),
         ({"top": 0}, "--top 0"),
+        ({"min_height": float("nan")}, "--min-height nan: must be in metres"),
+        ({"min_height": 20.0}, "--min-height 20: must be in metres"),
     ],
 )
 def test_wishes_that_cannot_be(wishes: dict[str, object], message: str):

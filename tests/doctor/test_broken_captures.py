@@ -20,7 +20,7 @@ from troubleshooting import COMMAND, FILE, page, without_numbers
 from neugrasp import cli
 from neugrasp.data.scene_folder import read_json, read_scene, write_scene
 from neugrasp.doctor.capture import Capture
-from neugrasp.doctor.examination import Diagnosis, examine, examine_folder
+from neugrasp.doctor.examination import Diagnosis, examine, examine_folder, examine_read
 from neugrasp.doctor.findings import Finding, Level
 from neugrasp.doctor.fix import write_fixed
 from neugrasp.doctor.problems import INVERTED_WORKSPACE
@@ -121,6 +121,25 @@ def test_what_is_not_certain_is_left_as_it_is(clinic: Clinic, case: Case):
     assert not clinic.diagnosis(case).is_mended
 
 
+AT_FIRST_SIGHT = (
+    *("two backgrounds swapped", "two images swapped", "one image mirrored, its background not"),
+    *("a lid on the camera for the empty table", "one stop more exposure", "a background from another place"),
+    "all photos mirrored",
+)
+
+
+@pytest.mark.parametrize("what", AT_FIRST_SIGHT)
+def test_what_makes_grasps_fail_is_red_before_a_prediction_too(clinic: Clinic, tmp_path: Path, what: str):
+    case = named(what)
+    write_scene(tmp_path, case.spoil(clinic.good))
+    found = examine_read(read_scene(tmp_path)).findings
+    assert case.problem in [finding.problem for finding in found if finding.level == Level.RED]
+
+
+def test_the_quick_look_at_the_good_capture_is_green(clinic: Clinic):
+    assert examine_read(read_scene(clinic.folder / "good")).verdict == "green"
+
+
 def assert_same(views: Views, other: Views, tolerance: float = 1e-9) -> None:
     """The same photos by the same cameras; principal points only to half a pixel."""
     mine, theirs = views.workspace.world_from_workspace, other.workspace.world_from_workspace
@@ -147,6 +166,8 @@ BY_NAME = marked(
         for what in (
             "OpenGL cameras in millimetres",
             "two backgrounds swapped",
+            "two images swapped",
+            "all images one view further",
             "images and backgrounds exchanged",
         )
     ]

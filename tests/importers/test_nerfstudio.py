@@ -106,10 +106,12 @@ def test_a_file_may_say_that_its_cameras_are_opengls(file: Path, caplog: pytest.
 
 def test_a_key_of_another_name_is_told(file: Path, caplog: pytest.LogCaptureFixture):
     with caplog.at_level(logging.WARNING):
+        read(changed(file, 0, sharpnes=3.0))
+    assert "the key 'sharpnes' is not known and ignored; did you mean 'sharpness'?" in caplog.text
+    with pytest.raises(
+        InputError, match=r"'transform_matrx' is a pose, .*; did you mean 'transform_matrix'\?"
+    ):
         read(changed(file, 0, transform_matrx=OPENGL.tolist()))
-    assert (
-        "the key 'transform_matrx' is not known and ignored; did you mean 'transform_matrix'?" in caplog.text
-    )
 
 
 def test_the_mark_of_byte_order_and_windows_lines_are_read(file: Path):

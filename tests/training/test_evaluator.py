@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from hypothesis import strategies as st
 from safetensors.torch import load_file, save_file
 
 from ball_lessons import lesson, told_of, write_lessons
-from neugrasp.data.lessons import joined, read_lesson, write_lesson
+from damage import damaged_json, fuzz, many, split, with_metadata
+from neugrasp.data.lessons import ABOUT, gripper_of, joined, read_lesson, write_lesson
 from neugrasp.detection.judge import Judge
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.model.evaluator_file import load_evaluator
+from neugrasp.model.evaluator_file import load_evaluator, save_evaluator
+from neugrasp.model.grasp_evaluator import GraspEvaluator
 from neugrasp.training.evaluator import (
     EvaluatorConfig,
     EvaluatorRun,
@@ -55,6 +59,40 @@ def test_a_damaged_lesson_is_named(tmp_path, change, message):
     write_lesson(tmp_path / "bad.npz", replace(lesson(1), **change))
     with pytest.raises(InputError, match=rf"bad\.npz: {message}"):
         read_lesson(tmp_path / "bad.npz")
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("evaluator") / "evaluator.safetensors"
+    save_evaluator(path, GraspEvaluator((4, 6, 8), 8), WORKSPACE, {"threshold": 0.5})
+    return path
+
+
+@many
+def test_nothing_said_of_an_evaluator_ends_in_anything_but_one_error(examples, weights, tmp_path):
+    header, rest = split(weights)
+    notes = header["__metadata__"]
+    changed = st.one_of(
+        damaged_json(json.loads(notes["config"])).map(lambda text: notes | {"config": text}),
+        damaged_json(json.loads(notes["about"])).map(lambda text: notes | {"about": text}),
+    ).filter(lambda metadata: all("\ud800" not in text for text in metadata.values()))
+
+    def read(metadata: dict[str, str]) -> None:
+        found = load_evaluator(with_metadata(tmp_path / "e.safetensors", header, rest, metadata))
+        assert [type(width) for width in found.widths] == [int] * 3
+
+    fuzz(read, changed, examples)
+
+
+@many
+def test_nothing_said_of_lessons_does(examples, data, tmp_path):
+    right = json.loads((data / ABOUT).read_text())
+
+    def read(text: str) -> None:
+        (tmp_path / ABOUT).write_text(text, encoding="utf-8")
+        gripper_of([tmp_path])
+
+    fuzz(read, damaged_json(right), examples)
 
 
 def test_each_trial_is_seen_in_its_own_grid():

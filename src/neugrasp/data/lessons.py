@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from neugrasp.data.fields import Fields
 from neugrasp.data.npz import Columns, check_columns, npz_arrays, npz_bytes
 from neugrasp.data.strict_json import read_json
+from neugrasp.data.user_files import read_bytes
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import USUAL
 from neugrasp.output import whole_file
@@ -76,9 +77,9 @@ def write_lesson(path: Path, lesson: Lesson) -> None:
 def read_lesson(path: Path) -> Lesson:
     """The inverse of `write_lesson`. Raises `InputError` naming the file where it is damaged."""
     try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+        data = read_bytes(path)
+    except FileNotFoundError:
+        raise InputError(f"{path}: missing; a lesson is needed") from None
     arrays = npz_arrays(data, KINDS, str(path))
     resolution, count = USUAL.resolution, len(arrays["success"])
     if arrays["grids"].shape[1:] != (resolution,) * 3:

@@ -19,6 +19,7 @@ from PIL import Image as Picture
 from neugrasp.data.camera_checks import check_intrinsics, check_rigid, check_scene, check_sensed, numbers
 from neugrasp.data.known_keys import refuse_bends, warn_of_unknown
 from neugrasp.data.photo_files import read_image
+from neugrasp.data.spelling import plain
 from neugrasp.data.strict_json import read_object
 from neugrasp.data.user_files import check_name
 from neugrasp.errors import InputError
@@ -34,6 +35,11 @@ WORKSPACE_KEYS = ("size", "world_from_workspace", "resolution", "table_height", 
 EDGES = (0.05, 2.0)
 """Metres between which the edge of a cube lies."""
 VIEW_KEYS = ("image", "background", "intrinsics", "world_from_camera", "sensed")
+SIZE_KEYS = {
+    **dict.fromkeys(("width", "w", "imagewidth", "imgwidth"), 1),
+    **dict.fromkeys(("height", "h", "imageheight", "imgheight"), 0),
+}
+"""Keys, in plain letters, that say for which photo the intrinsics are, with its axis."""
 STRAIGHT = (
     "photos of a scene are those of a pinhole, its poses are metric: undistort and convert, e.g. with "
     "`neugrasp import robot`, and leave it away"
@@ -163,6 +169,7 @@ def view_of(entry: Any, where: str, folder: Path) -> View:
 def camera_of(entry: dict[str, Any], photo: Image, where: str) -> Camera:
     """The camera of an entry of 'views' that took a photo."""
     height, width = photo.shape[:2]
+    _check_said_size(entry, photo, where)
     return Camera(
         check_intrinsics(entry.get("intrinsics"), width, height, f"{where}: intrinsics"),
         check_rigid(entry.get("world_from_camera"), f"{where}: world_from_camera"),
@@ -170,6 +177,17 @@ def camera_of(entry: dict[str, Any], photo: Image, where: str) -> Camera:
         height,
         check_sensed(entry.get("sensed"), width, height, f"{where}: sensed"),
     )
+
+
+def _check_said_size(entry: dict[str, Any], image: Image, where: str) -> None:
+    """Intrinsics are those of the photo as it is; a size beside them is of no use but to contradict that."""
+    for key, value in entry.items():
+        axis = SIZE_KEYS.get(plain(key))
+        if axis is not None and value != image.shape[axis]:
+            raise InputError(
+                f"{where}: {key!r} is {str(value)[:20]}, the photo has {_size(image)}; give the intrinsics "
+                "of the photo as it is on disk and leave the size away"
+            )
 
 
 def photo_of(folder: Path, entry: dict[str, Any], key: str, where: str) -> Path:

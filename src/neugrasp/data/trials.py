@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from neugrasp.data.fields import Fields
 from neugrasp.data.npz import Columns, check_columns, npz_arrays, npz_bytes
+from neugrasp.data.strict_json import parse_json
 from neugrasp.data.world import Scene, scene_from_json, scene_to_json
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import USUAL
@@ -132,18 +134,14 @@ def trials_from_bytes(data: bytes, source: str) -> Trials:
 
 
 def _about(array: NDArray[Any], source: str) -> dict[str, Any]:
-    try:
-        about: dict[str, Any] = json.loads(array.tobytes())
-        if about["format"] != "neugrasp-trials" or about["version"] != 1:
-            raise InputError(f"{source}: not neugrasp-trials of version 1; update this program")
-        for key in ("reasons", "states", "series"):
-            if not isinstance(about[key], list) or len(about[key]) > _MOST:
-                raise InputError(f"{source}: damaged ({key} is no list of at most {_MOST})")
-        return about
-    except (ValueError, KeyError, TypeError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{source}: damaged ({error!r}); make the trials again") from error
+    about = Fields(source, parse_json(array.tobytes(), source), "about.")
+    about.expect("neugrasp-trials", 1)
+    for key in ("reasons", "states", "series"):
+        if len(about.list(key)) > _MOST:
+            raise about.refuse(key, f"has {len(about.data[key])} entries; at most {_MOST} can be named")
+    if not all(isinstance(reason, str) for reason in about.data["reasons"]):
+        raise about.refuse("reasons", "are not all words")
+    return about.data
 
 
 def _check(arrays: dict[str, NDArray[Any]], tables: dict[str, Any], source: str) -> None:

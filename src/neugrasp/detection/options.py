@@ -40,6 +40,8 @@ class DetectorOptions:
         return cls(**{name: getattr(command, name) for name in names})
 
 
+TALLEST = 2.0
+"""Metres above the table in which a least height may lie."""
 Box = tuple[float, float, float, float, float, float]
 Cone = tuple[float, float, float, float]
 
@@ -73,6 +75,8 @@ class Steering:
                 raise InputError(
                     f"--approach {_words(self.approach)}: a direction that is not 0, then 0 to 180 degrees"
                 )
+        if self.min_height is not None and not abs(self.min_height) < TALLEST:
+            raise InputError(f"--min-height {self.min_height:g}: must be in metres above the table")
         if self.top is not None and self.top < 1:
             raise InputError(f"--top {self.top}: must be at least 1")
 

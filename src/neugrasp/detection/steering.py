@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -16,6 +17,8 @@ from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp, Grasps
 from neugrasp.observation import Views
 
+logger = logging.getLogger(__name__)
+
 
 def steered(detection: Detection, steering: Steering, views: Views | None = None) -> Detection:
     """The detection with the wanted grasps alone, the others counted by reason.
@@ -24,6 +27,7 @@ def steered(detection: Detection, steering: Steering, views: Views | None = None
     wanted of a detector without a surface.
     """
     is_masked = _masked(steering, views)
+    _tell_of_region(steering, detection.workspace)
     kept, rejected = detection.grasps, dict(detection.rejected)
 
     def those(is_wanted: Callable[[Grasp], bool]) -> Callable[[Grasps], Grasps]:
@@ -43,6 +47,27 @@ def steered(detection: Detection, steering: Steering, views: Views | None = None
             rejected[reason] = len(kept) - len(left)
         kept = left
     return replace(detection, grasps=kept, rejected=rejected)
+
+
+def _tell_of_region(steering: Steering, workspace: Workspace) -> None:
+    """Warns of a region that holds all of the cube or nothing of it: it may be in other units or axes."""
+    if steering.region is None:
+        return
+    corners = workspace.to_world(workspace.corners(0, workspace.size))
+    low, high = np.array(steering.region[:3]), np.array(steering.region[3:])
+    if np.all((corners >= low) & (corners <= high)):
+        what = "all of the cube lies in it"
+    elif np.any(corners.max(axis=0) < low) or np.any(corners.min(axis=0) > high):
+        what = "the cube lies outside of it"
+    else:
+        return
+    logger.warning(
+        "--region: %s, which reaches from %s to %s in the world; the region must be in metres and in the "
+        "world of scene.json",
+        what,
+        np.round(corners.min(axis=0), 3).tolist(),
+        np.round(corners.max(axis=0), 3).tolist(),
+    )
 
 
 def check_mask(steering: Steering, views: Views) -> None:
@@ -73,6 +98,13 @@ def _masked(steering: Steering, views: Views | None) -> Callable[[Grasp], bool]:
         raise InputError(
             f"--mask {number} {file}: {bright.shape[1]} x {bright.shape[0]} pixels; photo {number} has "
             f"{camera.width} x {camera.height}"
+        )
+    if bright.all() or not bright.any():
+        # Masks of 0 and 1 look black, and those cut out by transparency may look like anything.
+        what = "all of it is" if bright.all() else "nothing in it is"
+        raise InputError(
+            f"--mask {number} {file}: {what} brighter than half; what is wanted must be white (255, not 1) "
+            "and the rest black, without transparency"
         )
 
     def is_masked(grasp: Grasp) -> bool:

@@ -27,6 +27,8 @@ class Capture:
     """The place of each view in scene.json; unreadable ones are left out."""
     backgrounds: tuple[int, ...]
     """The view of `views` whose background file each view uses; its own unless that was mended."""
+    images: tuple[int, ...]
+    """The same of images."""
     exchanged: bool = False
     """Whether images and backgrounds have been exchanged to mend them."""
 
@@ -34,7 +36,7 @@ class Capture:
     def of(cls, views: Views) -> Capture:
         """A scene that is in memory."""
         own = tuple(range(len(views)))
-        return cls(views, own, own)
+        return cls(views, own, own, own)
 
     def with_views(self, views: list[View]) -> Capture:
         """The same capture with other photos or cameras."""
@@ -77,9 +79,9 @@ def read_capture(path: Path) -> Reading:
         except InputError as error:
             errors[number] = str(error)
     findings += _unread(errors) or [green("files", _sizes(views))]
-    capture = (
-        Capture(Views(tuple(views), workspace), tuple(numbers), tuple(range(len(views)))) if views else None
-    )
+    capture = None
+    if views:
+        capture = replace(Capture.of(Views(tuple(views), workspace)), numbers=tuple(numbers))
     findings += check_tags(file.parent, [entries[number] for number in numbers], views)
     return Reading(capture, tuple(findings), data, mended=data != written)
 

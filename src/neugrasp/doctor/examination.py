@@ -13,8 +13,8 @@ from neugrasp.doctor.convention import check_convention, is_examinable
 from neugrasp.doctor.empty_table import check_empty_table
 from neugrasp.doctor.findings import Finding, Level, verdict, worst
 from neugrasp.doctor.light_checks import check_brightness, check_light, check_sharpness
-from neugrasp.doctor.pair_checks import check_equal, check_pairs
-from neugrasp.doctor.problems import BACKGROUND_DIFFERS, MIRRORED, SHIFTED
+from neugrasp.doctor.pair_checks import check_pairs, check_pairs_quickly
+from neugrasp.doctor.problems import BACKGROUND_DIFFERS, MIRRORED, SAME_PHOTO, SHIFTED
 from neugrasp.doctor.shot import shots_of
 from neugrasp.doctor.silhouettes import check_silhouettes
 from neugrasp.doctor.table_checks import check_table, check_table_quickly
@@ -69,8 +69,8 @@ def examine_read(views: Views, thoroughly: bool = False, tags: Sequence[Finding]
     """Of a scene as `read_scene` gave it, with what its files say: `tags`, by default read from them.
 
     By default by what costs next to nothing and decides: conventions, units, intrinsics, coverage, what
-    photos say of themselves (rotation, focal length), equal photos, and whether the photos agree about the
-    table.
+    photos say of themselves (rotation, focal length), backgrounds of other views or places, photos in which
+    nothing is to be seen, light that changed much, and whether the photos agree about the table.
     """
     reading = Reading(Capture.of(views), tuple(tags_of(views) if tags is None else tags))
     return _examine(reading, _look if thoroughly else _glance)
@@ -114,12 +114,19 @@ def _look(capture: Capture) -> tuple[Capture, list[Finding]]:
 
 
 def _glance(capture: Capture) -> tuple[Capture, list[Finding]]:
-    """The checks that are quick and decide."""
+    """The checks that are quick and decide; of the light, what makes grasps fail."""
     capture, findings = check_intrinsics(capture)
-    if same := check_equal(capture):
-        return capture, [*findings, *same]
-    capture, found = check_table_quickly(capture)
-    return capture, [*findings, *found, *check_coverage(capture.views)]
+    capture, pairs = check_pairs_quickly(capture)
+    findings += pairs
+    if any(finding.problem is SAME_PHOTO for finding in pairs):
+        return capture, findings
+    if not (wrong := {i for finding in pairs if finding.level == Level.RED for i in finding.views}):
+        capture, found = check_table_quickly(capture)
+        findings += found
+    shots = shots_of(capture.views)
+    light = [*check_brightness(shots), *check_light([s for s in shots if s.index not in wrong] or shots)]
+    red = [finding for finding in light if finding.level == Level.RED]
+    return capture, [*findings, *check_coverage(capture.views), *red]
 
 
 def _numbered(finding: Finding, capture: Capture) -> Finding:

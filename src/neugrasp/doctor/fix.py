@@ -64,6 +64,7 @@ def _corrected(diagnosis: Diagnosis, capture: Capture) -> dict[str, Any]:
     for i, (view, entry) in enumerate(zip(capture.views.frames, data["views"], strict=True)):
         entry["world_from_camera"] = view.camera.world_from_camera.tolist()
         entry["intrinsics"] = view.camera.intrinsics.tolist()
+        entry["image"] = written[capture.images[i]]["image"]
         entry["background"] = written[capture.backgrounds[i]]["background"]
         if capture.exchanged:
             entry["image"], entry["background"] = entry["background"], entry["image"]

@@ -48,6 +48,8 @@ SHARPNESS = (0.7, 1.4, 2.8)
 """Standard deviations, pixels, between which fine and less fine detail are told apart."""
 PAIR_LOSS, LOSS = Limits(1.25, 3.0), Limits(2.0, 4.0)
 """How many times less fine detail a photo may have than its fellow, which shows the same, and than usual."""
+MOST_TIMES = 100.0
+"""Of those, what is counted."""
 SHARP = 0.5
 """Fine over coarser detail of a photo that is just in focus; rendered captures measure 0.6 and more."""
 EDGE_LIMITS = Limits(6.3, np.inf)
@@ -126,13 +128,18 @@ def check_sharpness(shots: Sequence[Shot]) -> list[Finding]:
     if not known:
         return [not_measured("sharpness", "too little texture to tell"), edges]
     usual = max(float(np.median(known)), SHARP)
-    pairs = [max(pair) / max(min(pair), 1e-6) if pair else 1.0 for pair in details]
-    views = [usual / max(min(pair), 1e-6) if pair else 1.0 for pair in details]
+    pairs = [_times(max(pair), min(pair)) if pair else 1.0 for pair in details]
+    views = [_times(usual, min(pair)) if pair else 1.0 for pair in details]
     return [
         judged("sharpness of pairs", pairs, PAIR_LOSS, "times less fine detail in one of the two", BLURRED),
         judged("sharpness", views, LOSS, "times less fine detail than usual", BLURRED),
         edges,
     ]
+
+
+def _times(more: float, less: float) -> float:
+    """How many times as much; a black photo has no detail at all, which is no number."""
+    return min(more / max(less, 1e-6), MOST_TIMES)
 
 
 def _edge_width(shot: Shot) -> float:

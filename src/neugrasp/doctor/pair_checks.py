@@ -14,7 +14,7 @@ from neugrasp.doctor.findings import Finding, Level, Limits, green, named, not_m
 from neugrasp.doctor.problems import BACKGROUND_DIFFERS, EXCHANGED, MIRRORED, SAME_PHOTO, SHIFTED, SWAPPED
 from neugrasp.doctor.registration import Shift, shift_between, texture
 from neugrasp.doctor.shot import Plane, Shot, grey, shots_of
-from neugrasp.doctor.table import comparable, mean_correlation, table_pictures
+from neugrasp.doctor.table import coarse_pictures, comparable, mean_correlation, table_pictures
 from neugrasp.observation import View
 
 SHIFT = Limits(0.3, 1.5)
@@ -25,6 +25,8 @@ TEXTURED = 1.5 / 255
 """The strongest tenth of the texture from which on a shift can be told, of 1."""
 STRIDE = 2
 """Pixels of the photo of which one is compared."""
+SMALL = 160
+"""Pixels across of the pictures that a quick look compares."""
 OTHERS = 0.6
 """Difference to the background of another view, over that to its own, below which an image is its. Good
 captures, on plain tables too, measure 1.6 and more."""
@@ -52,6 +54,19 @@ def check_pairs(capture: Capture) -> tuple[Capture, list[Finding]]:
         ]
         capture = replace(capture.with_views(turned), exchanged=not capture.exchanged)
     return capture, findings
+
+
+def check_pairs_quickly(capture: Capture) -> tuple[Capture, list[Finding]]:
+    """As `check_pairs`, which is asked where a look at small pictures leaves doubts only."""
+    if same := check_equal(capture):
+        return capture, same
+    views = capture.views.frames
+    if not _owners(views, max(STRIDE, *(max(view.image.shape) // SMALL for view in views))):
+        shots = [shot for shot in shots_of(capture.views) if _is_textured(shot)]
+        shifts = (shift_between(grey(shot.image), grey(shot.background)) for shot in shots)
+        if all(s.agreement >= MATCH and SHIFT.level(s.length) < Level.RED for s in shifts):
+            return capture, []
+    return check_pairs(capture)
 
 
 def check_equal(capture: Capture) -> list[Finding]:
@@ -135,7 +150,7 @@ def _foreign(
         findings.append(Finding(ITEM, Level.RED, text, SWAPPED, swapped))
         order = [owner.get(i, i) for i in range(len(views))]
         if sorted(order) == list(range(len(views))):
-            capture = _with_backgrounds(capture, order)
+            capture = _reordered(capture, order)
     rest = tuple(i for i in lost if i not in swapped)
     turned = tuple(i for i in rest if _is_turned(shots[i], views[i]))
     if turned:
@@ -147,9 +162,9 @@ def _foreign(
     return capture, findings
 
 
-def _owners(views: Sequence[View]) -> dict[int, int]:
+def _owners(views: Sequence[View], stride: int = STRIDE) -> dict[int, int]:
     """For each view whose image is far more like the background of another view than its own, that view."""
-    unlike = np.array([[_unlikeness(view, other) for other in views] for view in views])
+    unlike = np.array([[_unlikeness(view, other, stride) for other in views] for view in views])
     best, least = unlike.argmin(axis=1), unlike.min(axis=1)
     found = (least + QUANTUM < OTHERS * unlike.diagonal()) & (least <= 2 * np.median(least) + QUANTUM)
     found &= np.bincount(best)[best] == 1  # No background belongs to two views.
@@ -158,9 +173,9 @@ def _owners(views: Sequence[View]) -> dict[int, int]:
     return {int(i): int(best[i]) for i in np.flatnonzero(found)}
 
 
-def _unlikeness(view: View, other: View) -> float:
+def _unlikeness(view: View, other: View, stride: int) -> float:
     """How much the more alike half of an image differs from a background; objects cover the other half."""
-    image, background = view.image[::STRIDE, ::STRIDE], other.background[::STRIDE, ::STRIDE]
+    image, background = view.image[::stride, ::stride], other.background[::stride, ::stride]
     if view.image.shape != other.background.shape:
         return np.inf
     return float(np.quantile(np.abs(image.astype(np.int16) - background).sum(axis=-1), 0.25))
@@ -183,8 +198,20 @@ def _cut(photo: np.ndarray, shot: Shot) -> Plane:
     return np.asarray(picture, dtype=np.float32) / 255
 
 
-def _with_backgrounds(capture: Capture, order: list[int]) -> Capture:
+def _reordered(capture: Capture, order: Sequence[int]) -> Capture:
+    """The capture whose image i has background `order[i]`. The photos of the empty table tell which of the
+    two was mixed up: they agree where each is at the pose of its camera."""
     views = capture.views.frames
-    changed = [replace(view, background=views[j].background) for view, j in zip(views, order, strict=True)]
-    backgrounds = tuple(capture.backgrounds[j] for j in order)
-    return replace(capture.with_views(changed), backgrounds=backgrounds)
+    backgrounds = capture.with_views(
+        [replace(view, background=views[j].background) for view, j in zip(views, order, strict=True)]
+    )
+    if _agreement(backgrounds) >= _agreement(capture):
+        return replace(backgrounds, backgrounds=tuple(capture.backgrounds[j] for j in order))
+    images = capture.with_views(
+        [replace(view, image=views[order.index(i)].image) for i, view in enumerate(views)]
+    )
+    return replace(images, images=tuple(capture.images[order.index(i)] for i in range(len(views))))
+
+
+def _agreement(capture: Capture) -> float:
+    return mean_correlation(coarse_pictures(capture.views))

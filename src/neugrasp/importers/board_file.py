@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from neugrasp.data.camera_checks import numbers
-from neugrasp.data.known_keys import refuse_bends, refuse_unknown
+from neugrasp.data.known_keys import refuse_unknown
 from neugrasp.data.strict_json import read_object
 from neugrasp.errors import InputError
 from neugrasp.importers.board import Board, Charuco, Tag, Tags, Upright
@@ -39,7 +39,6 @@ def read_board(name: str) -> Board:
     if kind not in ("charuco", "tags"):
         raise InputError(f"{file}: kind is {kind!r}; it must be 'charuco' or 'tags'")
     keys = CHARUCO_KEYS if kind == "charuco" else TAGS_KEYS
-    refuse_bends(data, keys, str(file))
     refuse_unknown(data, keys, str(file))
     place = data.get("board_from_workspace")
     pose = None if place is None else pose_of(place, f"{file}: board_from_workspace")
@@ -99,7 +98,6 @@ def _tags(data: dict[str, Any], file: Path) -> Tags:
 def _tag(entry: Any, where: str) -> Tag:
     if not _is_object(entry):
         raise InputError(f"{where}: must be an object with id, size, centre")
-    refuse_bends(entry, TAG_KEYS, where)
     for key in ANGLES:
         if key in entry and entry[key] != 0:
             raise InputError(f"{where}: {key!r} is not read; give the turn against the clock as 'turn_deg'")

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from neugrasp.data.bends import NO_PINHOLE, SHAPES
 from neugrasp.data.camera_checks import numbers
-from neugrasp.data.known_keys import NO_PINHOLE, SHAPES, plain
+from neugrasp.data.spelling import plain
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array
 from neugrasp.importers.lens import Lens, checked

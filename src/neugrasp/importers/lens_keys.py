@@ -13,8 +13,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from neugrasp.data.bends import PINHOLE_MODELS
 from neugrasp.data.camera_checks import numbers
-from neugrasp.data.known_keys import PINHOLE_MODELS, is_remark, plain, refuse_bends
+from neugrasp.data.known_keys import is_remark, refuse_bends
+from neugrasp.data.spelling import plain
 from neugrasp.errors import InputError
 
 Entry = Mapping[str, Any]

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from neugrasp.data.camera_checks import OPENCV_FROM_OPENGL, check_rigid, numbers
-from neugrasp.data.known_keys import plain, warn_of_unknown
+from neugrasp.data.known_keys import warn_of_unknown
+from neugrasp.data.spelling import plain
 from neugrasp.data.strict_json import read_object
 from neugrasp.data.user_files import check_name
 from neugrasp.errors import InputError

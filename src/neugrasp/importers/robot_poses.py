@@ -25,7 +25,8 @@ from typing import Any
 
 import numpy as np
 
-from neugrasp.data.known_keys import plain, refuse_bends, warn_of_unknown
+from neugrasp.data.known_keys import refuse_bends, warn_of_unknown
+from neugrasp.data.spelling import plain
 from neugrasp.data.strict_json import read_object
 from neugrasp.data.user_files import check_name, read_text
 from neugrasp.errors import InputError

@@ -71,7 +71,7 @@ def load_evaluator(name_or_path: str | Path) -> EvaluatorFile:
     if tuple(config.list("box")) != BOX:
         raise config.refuse("box", f"is {config.list('box')}; this program reads boxes of {list(BOX)}")
     widths = config.list("widths")
-    if len(widths) != 3 or not all(isinstance(w, int) and 0 < w <= WIDEST for w in widths):
+    if len(widths) != 3 or not all(type(w) is int and 0 < w <= WIDEST for w in widths):
         raise config.refuse("widths", f"is {widths}; it must be three whole numbers of 1 to {WIDEST}")
     about = described(path, metadata, "about")
     if "threshold" in about.data:

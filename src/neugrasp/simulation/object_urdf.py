@@ -19,7 +19,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from neugrasp.data.known_keys import plain
+from neugrasp.data.spelling import plain
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, rigid
 from neugrasp.simulation.mesh_checks import beside, check_pair, check_solid

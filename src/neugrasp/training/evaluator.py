@@ -27,7 +27,7 @@ from neugrasp.terminal import next_step
 from neugrasp.training.command import TrainEvaluator
 from neugrasp.training.config import Optimiser
 from neugrasp.training.log import TrainingLog
-from neugrasp.training.state import Identity, Learner, load_state, save_state
+from neugrasp.training.state import Identity, Learner, read_state, save_state
 
 log = logging.getLogger(__name__)
 
@@ -140,7 +140,9 @@ def train_evaluator(run: EvaluatorRun, stop_after: int | None = None) -> Path:
     digest = hashlib.sha256("\n".join(f"{f.parent.name}/{f.name}" for f in files).encode()).hexdigest()
     identity = Identity(config, digest, run.init and Path(run.init).name)
     with held(run.out, "train"):
-        start, last = load_state(run.out, learner, identity), min(config.steps, stop_after or config.steps)
+        saved = read_state(run.out)
+        start = saved.restore(learner, identity) if saved else 0
+        last = min(config.steps, stop_after or config.steps)
         kept = [f for f in files if f not in aside]
         taught = seen_of([read_lesson(f) for f in kept], workspace)
         judged = seen_of([read_lesson(f) for f in aside], workspace)

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
+from neugrasp.data.fields import Fields
+from neugrasp.data.strict_json import parse_json
 from neugrasp.errors import InputError
 
 
@@ -73,13 +76,12 @@ class JsonLines:
     def _drop_from(self, start: int) -> None:
         if not self.path.is_file():
             return
-        kept = []
-        for line in self.path.read_text(encoding="utf-8").splitlines():
-            try:
-                if json.loads(line)["step"] < start:
-                    kept.append(line)
-            except (json.JSONDecodeError, KeyError):
-                continue
+        kept, name = [], str(self.path)
+        for line in self.path.read_text(encoding="utf-8", errors="replace").splitlines():
+            # A line cut off by a crash, or that somebody else wrote, is dropped.
+            with suppress(InputError):
+                Fields(name, parse_json(line, name, judges_values=False)).whole("step", 0, start - 1)
+                kept.append(line)
         temporary = self.path.with_suffix(".tmp")
         temporary.write_text("".join(line + "\n" for line in kept), encoding="utf-8")
         temporary.replace(self.path)

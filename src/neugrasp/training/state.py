@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, cast
@@ -14,6 +15,8 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
+from neugrasp.data.fields import Fields
+from neugrasp.data.strict_json import parse_json
 from neugrasp.errors import InputError
 from neugrasp.training.config import Optimiser
 
@@ -123,51 +126,74 @@ def save_state(folder: Path, learner: Learner[Any], step: int, identity: Identit
         temporary.unlink(missing_ok=True)
 
 
-def saved_facts(folder: Path) -> dict[str, Any]:
-    """The facts of the run whose state is in `folder`; none where nothing was saved. Raises `InputError`."""
+@dataclass(frozen=True)
+class State:
+    """A run as it stopped, read once."""
+
+    path: Path
+    step: int
+    """Finished steps."""
+    facts: dict[str, Any]
+    """What it was begun with, by the names of `Identity.facts`."""
+    tensors: dict[str, Tensor]
+
+    def steps_of_head(self, otherwise: int) -> int:
+        """How long the head's stage was. Raises `InputError` where the file has no such number for it."""
+        fields = Fields(str(self.path), self.facts, "identity.")
+        return fields.whole("head_steps", 0, 10**9) if "head_steps" in self.facts else otherwise
+
+    def restore(self, learner: Learner[Any], identity: Identity) -> int:
+        """Puts the state back and gives the number of finished steps.
+
+        Raises `InputError` where it is damaged or belongs to another configuration or other data.
+        """
+        if differences := identity.differences(self.facts):
+            raise InputError(
+                f"{self.path}: belongs to a run with other values of {', '.join(differences)}; go on with "
+                f"the same, or choose another --out (and --init {self.path.parent / 'weights.safetensors'} "
+                "to start from its weights)"
+            )
+        try:
+            learner.model.load_state_dict(_under(self.tensors, "model."))
+            learner.average.load_state_dict(_under(self.tensors, "average."))
+            for name, parameter in learner.model.named_parameters():
+                if f"adam.step.{name}" in self.tensors:
+                    learner.optimizer.state[parameter] = {
+                        key: self._moment(key, name, parameter) for key in ("step", "exp_avg", "exp_avg_sq")
+                    }
+        except (RuntimeError, KeyError, ValueError) as error:
+            raise InputError(f"{self.path}: damaged ({error}); remove it to start again") from error
+        return self.step
+
+    def _moment(self, key: str, name: str, parameter: Tensor) -> Tensor:
+        """A moment of Adam where the optimiser wants it; of another shape it would fail at the first step."""
+        value = self.tensors[f"adam.{key}.{name}"]
+        if value.shape != (() if key == "step" else parameter.shape):
+            raise ValueError(f"adam.{key}.{name} has shape {tuple(value.shape)}")
+        return value.to("cpu" if key == "step" else parameter.device)
+
+
+def read_state(folder: Path) -> State | None:
+    """The state in `folder`; None where nothing was saved. Raises `InputError` where it cannot be read."""
     path = folder / STATE
     if not path.is_file():
-        return {}
+        return None
     try:
         with safe_open(path, framework="pt") as file:
-            facts = json.loads((file.metadata() or {})["identity"])
-        return dict(facts)
-    except (SafetensorError, OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: cannot be read ({error!r}); remove it to start again") from error
-
-
-def load_state(folder: Path, learner: Learner[Any], identity: Identity) -> int:
-    """Puts a saved state back and gives the number of finished steps; 0 where nothing was saved.
-
-    Raises `InputError` where the state is damaged or belongs to another configuration or other data.
-    """
-    path = folder / STATE
-    if not path.is_file():
-        return 0
-    if differences := identity.differences(saved_facts(folder)):
-        raise InputError(
-            f"{path}: belongs to a run with other values of {', '.join(differences)}; go on with the same, "
-            f"or choose another --out (and --init {folder / 'weights.safetensors'} to start from its weights)"
-        )
-    try:
-        with safe_open(path, framework="pt") as file:
-            step = int(file.metadata()["step"])
+            metadata = file.metadata() or {}
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        learner.model.load_state_dict(_under(tensors, "model."))
-        learner.average.load_state_dict(_under(tensors, "average."))
-        for name, parameter in learner.model.named_parameters():
-            if f"adam.step.{name}" in tensors:
-                moments = {key: tensors[f"adam.{key}.{name}"] for key in ("step", "exp_avg", "exp_avg_sq")}
-                learner.optimizer.state[parameter] = {
-                    key: value.to(_place(key, parameter)) for key, value in moments.items()
-                }
-    except (SafetensorError, RuntimeError, KeyError, ValueError) as error:
-        raise InputError(f"{path}: damaged ({error}); remove it to start again") from error
-    return step
+        facts = Fields(str(path), parse_json(metadata["identity"], str(path)), "identity.").data
+        return State(path, _count(metadata["step"]), facts, tensors)
+    except InputError:
+        raise
+    except (SafetensorError, OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: cannot be read ({error}); remove it to start again") from error
 
 
-def _place(key: str, parameter: Tensor) -> torch.device:
-    return torch.device("cpu") if key == "step" else parameter.device
+def _count(word: str) -> int:
+    if not re.fullmatch("[0-9]{1,9}", word):
+        raise ValueError(f"step is {word[:20]!r}")
+    return int(word)
 
 
 def _under(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:

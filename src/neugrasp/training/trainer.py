@@ -31,7 +31,7 @@ from neugrasp.training.module import TrainingModule, bfloat16_pays
 from neugrasp.training.networks import NetworkSpec, network_spec
 from neugrasp.training.recipes import configured
 from neugrasp.training.split import HeldOutScenes, open_data
-from neugrasp.training.state import Identity, Learner, load_state, save_state, saved_facts
+from neugrasp.training.state import Identity, Learner, read_state, save_state
 
 log = logging.getLogger(__name__)
 
@@ -58,9 +58,9 @@ def train(run: Train, stop_after: int | None = None, config: TrainConfig | None 
 
 
 def _trained(run: Train, config: TrainConfig, stop_after: int | None) -> Path:
-    if saved := saved_facts(run.out):
+    if saved := read_state(run.out):
         # However long the run becomes, the head's stage was as long as it was.
-        config = replace(config, head_steps=saved.get("head_steps", config.head_steps))
+        config = replace(config, head_steps=saved.steps_of_head(config.head_steps))
     torch.manual_seed(config.seed)
     spec = network_spec(config.network)
     scenes, held_out = open_data(run, config, spec)
@@ -74,7 +74,7 @@ def _trained(run: Train, config: TrainConfig, stop_after: int | None) -> Path:
         model.to(ranks.device).train()
         learner = Learner.of(model, config)
         identity = Identity(config, identity_of(scenes), run.init and Path(run.init).name)
-        start = load_state(run.out, learner, identity)
+        start = saved.restore(learner, identity) if saved else 0
         last = min(config.steps, stop_after or config.steps)
         if start < last:
             _train(

@@ -1,0 +1,19 @@
+"""Words that strangers wrote, as one spelling: keys and names are told apart by letters and digits alone."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+
+CYRILLIC = "авгԁеіјклмнопрԛѕстуԝхһӏ", "abrdeijklmhonpqsctywxhl"
+GREEK = "αβγδεηικλμνορσςτυχω", "abydenikmmvopsstuxw"
+OTHER = "ıɑɡɩ", "iagi"
+LATIN_LIKE = str.maketrans(*("".join(part) for part in zip(CYRILLIC, GREEK, OTHER, strict=True)))
+"""Small letters of other alphabets that look like Latin ones, or stand for them in formulas."""
+
+
+def plain(word: str) -> str:
+    """A key or a name in lower-case Latin letters and digits alone: capitals, blanks, marks, accents, wide
+    letters, and those of other alphabets that look the same make no difference."""
+    letters = unicodedata.normalize("NFKD", word).casefold().translate(LATIN_LIKE)
+    return re.sub(r"[^a-z0-9]", "", letters)
