@@ -105,6 +105,9 @@ def test_reading_needs_the_errors_only(module: str):
         ("viser", "viewer/stage.py"),
         ("cv2", "importers/markers.py"),
         ("sklearn", "figures/embedding.py"),
+        ("fcl", "robot/collision.py"),
+        ("ompl", "robot/free_way.py"),
+        ("airo_models", "simulation/arm_urdf.py"),
     ],
 )
 def test_heavy_modules_have_one_home(module: str, home: str):
@@ -136,7 +139,7 @@ def test_files_can_be_read_in_one_sitting(file: Path):
 
 
 HEAVY = {"pybullet", "pybullet_data", "bpy", "trimesh", "matplotlib", "tensorboard", "tyro", "viser"}
-HEAVY |= {"cv2", "sklearn"}
+HEAVY |= {"cv2", "sklearn", "fcl", "ompl", "airo_models"}
 
 
 @pytest.mark.parametrize(

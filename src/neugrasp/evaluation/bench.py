@@ -100,7 +100,7 @@ class Bench:
         camera = self._camera(fixed, robot, truth)
         prepared = time.perf_counter()
         witness = SimulatedWitness(robot, truth)
-        seen_by = Robot(camera, robot, robot, robot)
+        seen_by = Robot(camera, robot, robot)
         episode = declutter(self._game, index, seen_by, self._detector, witness)
         seconds = {"arrange": arranged - start, "prepare": prepared - arranged, **episode.timing_s}
         return replace(episode, scene_sha256=fixed.scene_sha256, timing_s=seconds)

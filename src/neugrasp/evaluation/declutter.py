@@ -5,6 +5,7 @@ It drives the protocols of `robot.interface` and knows nothing of a simulation.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
@@ -16,6 +17,7 @@ from neugrasp.evaluation.episode import (
     EMPTY,
     FAILED_TOO_OFTEN,
     NOTHING_DETECTED,
+    NOTHING_REACHABLE,
     Attempt,
     Episode,
 )
@@ -24,6 +26,7 @@ from neugrasp.evaluation.protocols import Protocol as Rules
 from neugrasp.geometry.pose import Array, to_quaternion
 from neugrasp.robot.interface import Robot
 from neugrasp.robot.pick import CARRIED_AWAY, Pick, pick
+from neugrasp.robot.ranking import Chosen, first_possible
 
 Seen = TypeVar("Seen")
 
@@ -69,17 +72,25 @@ class _Play:
     robot: Robot[Any]
     witness: Witness
 
-    def attempt(self, number: int, detection: Detection, watch: Stopwatch) -> Attempt:
-        """Chooses one of the detected grasps and carries it out."""
+    def choose(self, number: int, detection: Detection) -> Chosen:
+        """The next of the detected grasps that can be carried out."""
+        game, rng = self.game, self.game.rng(self.index, number)
+        return first_possible(
+            self.robot.manipulator, detection, lambda grasps: game.choose(grasps, rng, game.up)
+        )
+
+    def attempt(self, number: int, detection: Detection, chosen: Chosen, watch: Stopwatch) -> Attempt:
+        """Carries out the grasp that was chosen."""
         game, robot = self.game, self.robot
-        chosen = game.choose(detection.grasps, game.rng(self.index, number), game.up)
-        grasp = detection.grasps[chosen]
+        assert chosen.index is not None
+        assert chosen.hand is not None
+        grasp = detection.grasps[chosen.index]
         objects, before = robot.table.count(), self.witness.describe()
         with watch.stage("judge"):
             judgement = self.witness.judge(detection)
         with watch.stage("execute"):
-            min_opening = game.rules.min_opening * robot.gripper.max_opening
-            result = pick(robot.arm, robot.gripper, grasp, min_opening, game.up)
+            min_opening = game.rules.min_opening * robot.manipulator.max_opening
+            result = pick(robot.manipulator, chosen.hand, grasp, min_opening, game.up)
         lost = objects - robot.table.count() - result.success
         x, y, z = grasp.position.tolist()
         qx, qy, qz, qw = to_quaternion(grasp.pose).tolist()
@@ -101,6 +112,7 @@ class _Play:
             l1_constants=judgement.constants,
             timing_s=watch.seconds | {f"detect: {name}": s for name, s in detection.timing_s.items()},
             before=before,
+            skipped=chosen.counts,
         )
 
 
@@ -112,6 +124,7 @@ def declutter(
     seconds: dict[str, float] = {}
     start, failures = robot.table.count(), 0
     attempts: list[Attempt] = []
+    skipped: Counter[str] = Counter()
     ending = EMPTY
     while robot.table.count() > 0:
         if failures == game.rules.max_failures:
@@ -122,14 +135,17 @@ def declutter(
             seen = robot.camera.look()
         with watch.stage("detect"):
             detection = detector.detect(seen)
-        if detection.grasps:
-            attempts.append(play.attempt(len(attempts), detection, watch))
+        chosen = play.choose(len(attempts), detection)
+        skipped.update(chosen.counts)
+        if chosen.index is not None:
+            attempts.append(play.attempt(len(attempts), detection, chosen, watch))
             failures = 0 if attempts[-1].success else failures + 1
         _add(seconds, watch.seconds)
-        if not detection.grasps:
-            ending = NOTHING_DETECTED
+        if chosen.index is None:
+            ending = NOTHING_REACHABLE if detection.grasps else NOTHING_DETECTED
             break
-    return Episode(index, start, ending, tuple(attempts), timing_s=seconds, left=witness.describe())
+    left = witness.describe()
+    return Episode(index, start, ending, tuple(attempts), timing_s=seconds, left=left, skipped=dict(skipped))
 
 
 def _reason(result: Pick, lost: int) -> str:
