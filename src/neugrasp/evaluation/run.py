@@ -8,7 +8,7 @@ import logging
 import platform
 import time
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,7 @@ from neugrasp.long_runs import CONTENTS, begun_as, held, source_commit
 from neugrasp.metrics import wilson_interval
 from neugrasp.model.compute import Compute
 from neugrasp.progress import reached
+from neugrasp.robot.cell_file import read_cell, text_hash
 from neugrasp.simulation.infrared import infrared_renderer
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.renderer import Renderer, RenderSettings
@@ -52,6 +53,7 @@ def evaluate(config: Evaluate, make_photographer: MakePhotographer | None = None
     Rounds that crashed are tried again. Raises `InputError` where an option cannot be used or the folder
     holds another evaluation, `NeuGraspError` where the disk refuses or a worker was killed.
     """
+    config = with_cell(config)
     facts, wanted = _checked(config)
     with held(config.out, "evaluate"):
         begun_as(config.out / "run.json", facts, "evaluation", young=CONTENTS)
@@ -66,6 +68,21 @@ def evaluate(config: Evaluate, make_photographer: MakePhotographer | None = None
                 write_episode(_file(config.out, episode.index), episode)
                 progress.add(episode)
         return _write(config, facts, [read_episode(path) for path in files])
+
+
+def with_cell(config: Evaluate) -> Evaluate:
+    """The evaluation with the gripper and the views of its cell, where it has one. Raises `InputError` where
+    it asks for others, and where nothing of the cell is simulated."""
+    if config.cell is None:
+        return config
+    cell = read_cell(config.cell)
+    if not cell.is_twin:
+        raise InputError(f"{config.cell}: its arm is real; rounds are played with a twin")
+    for option, own in (("gripper", cell.gripper.model), ("views", cell.views)):
+        given = getattr(config, option)
+        if given not in (own, getattr(Evaluate, option)):
+            raise InputError(f"--{option} {given}: the cell file says {own}")
+    return replace(config, gripper=cell.gripper.model, views=cell.views)
 
 
 def _file(out: Path, index: int) -> Path:
@@ -119,6 +136,7 @@ def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
         "objects_sha256": hashlib.sha256(json.dumps(choices).encode()).hexdigest(),
         "objects_content_sha256": library.content_hash(choices),
         **spec.facts(config.options()),
+        **({"cell_sha256": text_hash(config.cell)} if config.cell is not None else {}),
         # Only where it is not the usual one: evaluations of before it was an option go on.
         **({"precision": config.precision} if config.precision != "float32" else {}),
     }

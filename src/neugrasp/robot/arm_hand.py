@@ -26,27 +26,21 @@ ARRIVED = 0.01
 
 @dataclass(frozen=True)
 class Places:
-    """Where the arm waits, and where it lets go: joints (6,)."""
+    """Where the arm waits and where it lets go, joints (6,), and how hard it grips."""
 
     out_of_sight: Array
     drop: Array
+    force: float
+    """Newton."""
 
 
 class ArmHand:
     """Plans every grasp before it begins, and knows the way back from wherever it was stopped."""
 
-    def __init__(
-        self,
-        arm: Arm,
-        gripper: Gripper,
-        motion: Motion,
-        places: Places,
-        force: float,
-        rest: Callable[[], None],
-    ):
+    def __init__(self, arm: Arm, gripper: Gripper, motion: Motion, places: Places, rest: Callable[[], None]):
         """`rest` returns when all that lies on the table rests."""
         self._arm, self._gripper, self._motion = arm, gripper, motion
-        self._places, self._force, self._rest = places, force, rest
+        self._places, self._rest = places, rest
         self._checker: CollisionChecker | None = None
         self._seen: Detection | None = None
         self._plan: PickPlan | None = None
@@ -68,7 +62,7 @@ class ArmHand:
 
     def open(self) -> None:
         """Opens as far as it goes."""
-        self._gripper.move(self.max_opening, self._force, GRIPPER_TIMEOUT_S)
+        self._gripper.move(self.max_opening, self._places.force, GRIPPER_TIMEOUT_S)
 
     def go_to(self, pose: Array) -> bool:
         """To the pre-grasp on the way that was planned; False where something was touched."""
@@ -93,7 +87,7 @@ class ArmHand:
 
     def close(self) -> None:
         """Closes until something or the other finger resists, and goes on pressing."""
-        self._gripper.move(0.0, self._force, GRIPPER_TIMEOUT_S)
+        self._gripper.move(0.0, self._places.force, GRIPPER_TIMEOUT_S)
 
     def opening(self) -> float:
         """The distance between the pads, metres."""

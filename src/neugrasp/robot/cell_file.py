@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -127,6 +129,12 @@ def read_cell(path: Path) -> CellFile:
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not valid TOML ({error})") from error
     return _cell(Fields(str(path), data))
+
+
+def text_hash(path: Path) -> str:
+    """SHA-256 of what a cell file says, whatever its spaces and comments."""
+    content = json.dumps(tomllib.loads(read_text(path)), sort_keys=True)
+    return hashlib.sha256(content.encode()).hexdigest()
 
 
 def _cell(fields: Fields) -> CellFile:

@@ -42,8 +42,8 @@ class Tool:
         """A gripper mounted at a pose, with its fingers open, and a camera beside it."""
         half = gripper.max_opening / 2
         turn = np.array([-1.0, -1.0, 1.0])
-        left = [hull + (0, half, gripper.finger_mount) for hull in gripper.finger.hulls]
-        right = [hull * turn + (0, -half, gripper.finger_mount) for hull in gripper.finger.hulls]
+        left = [hull + np.array([0, half, gripper.finger_mount]) for hull in gripper.finger.hulls]
+        right = [hull * turn + np.array([0, -half, gripper.finger_mount]) for hull in gripper.finger.hulls]
         rotation, shift = flange_from_hand[:3, :3], flange_from_hand[:3, 3]
         palm, fingers = (
             tuple(hull @ rotation.T + shift for hull in hulls)
@@ -89,14 +89,12 @@ class CollisionChecker:
         `grasping`, the fingers may enter the surface: they are about to close on it."""
         self._place(self._model.frames(joints))
         links = [body for frame, body, _ in self._links if frame >= LOWEST_LINK]
-        seen = [] if self._surface is None else [self._surface]
+        solid = [self._table, *self._keep_out] + ([] if self._surface is None else [self._surface])
         apart = (*self._camera, *self._palm, *reversed(links))
-        fingers = (
-            (self._lowered_table, *self._keep_out) if grasping else (self._table, *self._keep_out, *seen)
-        )
+        around_fingers = [self._lowered_table, *self._keep_out] if grasping else solid
         return not (
-            self._any((body, other) for body in self._fingers for other in fingers)
-            or self._any((body, other) for body in apart for other in (self._table, *self._keep_out, *seen))
+            self._any((body, other) for body in self._fingers for other in around_fingers)
+            or self._any((body, other) for body in apart for other in solid)
             or self._any(self._self_pairs)
         )
 

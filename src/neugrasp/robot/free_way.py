@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,7 @@ def free_way(start: Array, goal: Array, model: ArmModel, is_free: IsFree, timeou
     if _is_leg_free(start, goal, is_free):
         return [leg(start, goal)]
     corners = _shortened(_connected(start, goal, model, is_free, timeout_s), is_free)
-    return [leg(a, b) for a, b in zip(corners, corners[1:], strict=False)]
+    return [leg(a, b) for a, b in pairwise(corners)]
 
 
 def leg(start: Array, goal: Array) -> Array:

@@ -119,5 +119,5 @@ class TwinRobot:
         body.put(cell.out_of_sight)
         self.arm = Guarded(TwinArm(body), motion.fence)
         gripper = TwinGripper(body, world)
-        places = Places(cell.out_of_sight, cell.drop)
-        self.manipulator = ArmHand(self.arm, gripper, motion, places, cell.gripper.force, self.table.leave)
+        places = Places(cell.out_of_sight, cell.drop, cell.gripper.force)
+        self.manipulator = ArmHand(self.arm, gripper, motion, places, self.table.leave)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,32 +17,13 @@ from neugrasp.robot.collision import Tool
 from neugrasp.robot.errors import NoPlan, Refused, Unreachable
 from neugrasp.robot.limits import Fence
 from neugrasp.robot.motion import Motion
-from neugrasp.robot.trajectory import Trajectory
+from neugrasp.robot.tour import Stop, Tour
 
 CUBE_FACES = (
     (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
     (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
 )  # fmt: skip
 """Of the corners of a workspace."""
-
-
-@dataclass(frozen=True)
-class Stop:
-    """One view: where the camera is to be, and the way there."""
-
-    camera: Camera
-    """In the user's world."""
-    way: Trajectory
-    """From the stop before, or from out of sight."""
-
-
-@dataclass(frozen=True)
-class Tour:
-    """All views, one after the other, and back."""
-
-    stops: tuple[Stop, ...]
-    home: Trajectory
-    """From the last one out of sight."""
 
 
 def planner_of(cell: CellFile) -> Motion:

@@ -139,9 +139,9 @@ class JointedArm:
         return len(self.touched()) > 0
 
     def touched(self) -> tuple[int, ...]:
-        """The engine's numbers of what the fingers and the palm, or the arm, touched."""
+        """The engine's numbers of what arm and hand touched; the foot of the arm stands on the table."""
         points = self._client.getContactPoints(self.uid)
-        return tuple(int(point[2]) for point in points if int(point[2]) != self.uid)
+        return tuple(int(p[2]) for p in points if int(p[2]) != self.uid and int(p[3]) >= self._joints[1])
 
     def held(self) -> tuple[int, ...]:
         """The engine's numbers of what the hand touched."""

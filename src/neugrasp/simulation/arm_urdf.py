@@ -39,6 +39,8 @@ def write_arm(model: str, gripper_urdf: Path, flange_from_hand: Array, path: Pat
         for visual in link.findall("visual"):
             link.remove(visual)
         _unseen(link)
+        if link.find("inertial") is None:
+            _weightless(link)
         for mesh in link.iter("mesh"):
             mesh.set("filename", str(source.parent / mesh.attrib["filename"]))
     for part in ElementTree.parse(gripper_urdf).getroot():
@@ -55,6 +57,13 @@ def write_arm(model: str, gripper_urdf: Path, flange_from_hand: Array, path: Pat
 def _unseen(link: Element) -> None:
     """Without any visual shape the renderer would draw the collision shapes."""
     SubElement(SubElement(SubElement(link, "visual"), "geometry"), "box", size="1e-6 1e-6 1e-6")
+
+
+def _weightless(link: Element) -> None:
+    """Frames without a body: the engine would give each a kilogram."""
+    inertial = SubElement(link, "inertial")
+    SubElement(inertial, "mass", value="1e-3")
+    SubElement(inertial, "inertia", ixx="1e-6", ixy="0", ixz="0", iyy="1e-6", iyz="0", izz="1e-6")
 
 
 def _words(numbers: Array) -> str:
