@@ -27,7 +27,7 @@ LAYERS = [
     {"detection", "training", "baselines", "doctor", "importers"},
     {"robot"},
     {"evaluation"},
-    {"report", "exporters", "viewer"},
+    {"report", "exporters", "viewer", "operation"},
     {"demo"},
     {"bench", "figures"},
     {"cli"},

@@ -6,7 +6,7 @@ It drives the protocols of `robot.interface` and knows nothing of a simulation.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
@@ -18,6 +18,7 @@ from neugrasp.evaluation.episode import (
     FAILED_TOO_OFTEN,
     NOTHING_DETECTED,
     NOTHING_REACHABLE,
+    UNFINISHED,
     Attempt,
     Episode,
 )
@@ -61,6 +62,18 @@ class Game:
     """(round, attempt) -> the random numbers of a choice."""
     up: Array
     """Unit vector away from the table, world frame."""
+
+
+def _nobody(_: Episode) -> None:
+    """Listens to nothing."""
+
+
+@dataclass(frozen=True)
+class Log:
+    """What is known of a round that was begun before, and who is told of every attempt."""
+
+    begun: Episode | None = None
+    told: Callable[[Episode], None] = _nobody
 
 
 @dataclass(frozen=True)
@@ -117,35 +130,49 @@ class _Play:
 
 
 def declutter(
-    game: Game, index: int, robot: Robot[Seen], detector: Detector[Seen], witness: Witness
+    game: Game,
+    index: int,
+    robot: Robot[Seen],
+    detector: Detector[Seen],
+    witness: Witness,
+    log: Log | None = None,
 ) -> Episode:
-    """Plays round `index` to its end."""
-    play = _Play(game, index, robot, witness)
-    seconds: dict[str, float] = {}
-    start, failures = robot.table.count(), 0
-    attempts: list[Attempt] = []
-    skipped: Counter[str] = Counter()
-    ending = EMPTY
+    """Plays round `index` to its end, or the rest of a round that was begun."""
+    play, log = _Play(game, index, robot, witness), log or Log()
+    attempts = list(log.begun.attempts if log.begun else ())
+    seconds: dict[str, float] = dict(log.begun.timing_s if log.begun else {})
+    skipped = Counter(log.begun.skipped if log.begun else {})
+    start = log.begun.objects if log.begun else robot.table.count()
+
+    def so_far(ending: str) -> Episode:
+        now = witness.describe()
+        return Episode(
+            index, start, ending, tuple(attempts), timing_s=dict(seconds), left=now, skipped=dict(skipped)
+        )
+
     while robot.table.count() > 0:
-        if failures == game.rules.max_failures:
-            ending = FAILED_TOO_OFTEN
-            break
+        if _failures_in_a_row(attempts) == game.rules.max_failures:
+            return so_far(FAILED_TOO_OFTEN)
         watch = Stopwatch()
         with watch.stage("look"):
             seen = robot.camera.look()
         with watch.stage("detect"):
             detection = detector.detect(seen)
-        chosen = play.choose(len(attempts), detection)
+        with watch.stage("plan"):
+            chosen = play.choose(len(attempts), detection)
         skipped.update(chosen.counts)
         if chosen.index is not None:
             attempts.append(play.attempt(len(attempts), detection, chosen, watch))
-            failures = 0 if attempts[-1].success else failures + 1
         _add(seconds, watch.seconds)
         if chosen.index is None:
-            ending = NOTHING_REACHABLE if detection.grasps else NOTHING_DETECTED
-            break
-    left = witness.describe()
-    return Episode(index, start, ending, tuple(attempts), timing_s=seconds, left=left, skipped=dict(skipped))
+            return so_far(NOTHING_REACHABLE if detection.grasps else NOTHING_DETECTED)
+        log.told(so_far(UNFINISHED))
+    return so_far(EMPTY)
+
+
+def _failures_in_a_row(attempts: Sequence[Attempt]) -> int:
+    """At the end."""
+    return next((i for i, a in enumerate(reversed(attempts)) if a.success), len(attempts))
 
 
 def _reason(result: Pick, lost: int) -> str:

@@ -19,6 +19,8 @@ FAILED_TOO_OFTEN = "failures in a row"
 CRASHED = "crashed"
 NOTHING_REACHABLE = "nothing reachable"
 """Where an arm carries out none of the detected grasps."""
+UNFINISHED = "unfinished"
+"""Of a round that goes on where it is: `neugrasp run` writes it after every pick."""
 ENDINGS = (EMPTY, NOTHING_DETECTED, FAILED_TOO_OFTEN, CRASHED)
 """Of every round; `NOTHING_REACHABLE` besides, where there is an arm."""
 
@@ -115,7 +117,7 @@ def _episode(fields: Fields) -> Episode:
     return Episode(
         fields.whole("index", 0, MANY),
         fields.whole("objects", 0, MANY),
-        fields.text("ending", (*ENDINGS, NOTHING_REACHABLE)),
+        fields.text("ending", (*ENDINGS, NOTHING_REACHABLE, UNFINISHED)),
         tuple(map(_attempt, fields.each("attempts"))),
         fields.text("scene_sha256"),
         fields.text("error"),

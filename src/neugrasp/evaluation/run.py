@@ -57,15 +57,15 @@ def evaluate(config: Evaluate, make_photographer: MakePhotographer | None = None
     facts, wanted = _checked(config)
     with held(config.out, "evaluate"):
         begun_as(config.out / "run.json", facts, "evaluation", young=CONTENTS)
-        files = [_file(config.out, index) for index in range(wanted)]
-        found = [read_episode(path) for path in files if path.is_file()]
+        files = [round_file(config.out, index) for index in range(wanted)]
+        found = [read_episode(path) for path in files if path.isround_file()]
         kept = {episode.index for episode in found if episode.ending != CRASHED}
         missing = [index for index in range(wanted) if index not in kept]
         progress = _Progress(wanted, [e for e in found if e.index in kept])
         reached("rounds", len(kept), wanted)
         with closing(play_all(config, missing, make_photographer or _photographer_for(config))) as played:
             for episode in played:
-                write_episode(_file(config.out, episode.index), episode)
+                write_episode(round_file(config.out, episode.index), episode)
                 progress.add(episode)
         return _write(config, facts, [read_episode(path) for path in files])
 
@@ -85,7 +85,13 @@ def with_cell(config: Evaluate) -> Evaluate:
     return replace(config, gripper=cell.gripper.model, views=cell.views)
 
 
-def _file(out: Path, index: int) -> Path:
+def facts_of_rounds(config: Evaluate) -> dict[str, Any]:
+    """What the rounds of an evaluation depend on. Raises `InputError` where an option cannot be used."""
+    return _checked(config)[0]
+
+
+def round_file(out: Path, index: int) -> Path:
+    """Where the record of a round is."""
     return out / "rounds" / f"{index:06d}.json"
 
 

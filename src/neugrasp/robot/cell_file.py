@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -114,6 +114,11 @@ class CellFile:
     def is_twin(self) -> bool:
         """Whether nothing of it is real."""
         return self.arm.driver == TWIN
+
+    def at_speed(self, scale: float) -> CellFile:
+        """The same cell whose arm moves at a share of its limits."""
+        limits = replace(self.limits, pace=self.limits.pace.scaled(scale))
+        return replace(self, limits=limits, approach_speed=scale * self.approach_speed)
 
 
 def read_cell(path: Path) -> CellFile:
