@@ -58,7 +58,7 @@ def evaluate(config: Evaluate, make_photographer: MakePhotographer | None = None
     with held(config.out, "evaluate"):
         begun_as(config.out / "run.json", facts, "evaluation", young=CONTENTS)
         files = [round_file(config.out, index) for index in range(wanted)]
-        found = [read_episode(path) for path in files if path.isround_file()]
+        found = [read_episode(path) for path in files if path.is_file()]
         kept = {episode.index for episode in found if episode.ending != CRASHED}
         missing = [index for index in range(wanted) if index not in kept]
         progress = _Progress(wanted, [e for e in found if e.index in kept])

@@ -20,6 +20,8 @@ from neugrasp.robot.trajectory import Trajectory
 PATIENCE = 3.0
 """A motion may take this many times as long as planned, and a second."""
 GRIPPER_TIMEOUT_S = 5.0
+CLEARANCE = 0.006
+"""Metres kept from what was seen, but for the straight ways to a grasp and back."""
 ARRIVED = 0.01
 """Radians by which the joints may be away from where a motion ended."""
 
@@ -54,8 +56,10 @@ class ArmHand:
     def prepare(self, grasp: Grasp, detection: Detection) -> ArmHand:
         """Plans all motions of a grasp past the detected surface. As `Manipulator.prepare`."""
         if self._checker is None or self._seen is not detection:
-            surface = None if detection.tsdf is None else detection.surface()
-            self._checker, self._seen = self._motion.checker(surface), detection
+            seen = (None, None)
+            if detection.tsdf is not None:
+                seen = (detection.surface(), detection.surface(CLEARANCE))
+            self._checker, self._seen = self._motion.checker(*seen), detection
         self._plan = self._motion.pick(self._joints(), grasp, self._places.drop, self._checker)
         self._trail = []
         return self

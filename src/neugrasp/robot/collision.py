@@ -61,6 +61,8 @@ class Surroundings:
     keep_out: tuple[Box, ...] = ()
     surface: Surface | None = None
     """What was seen on the table."""
+    wide: Surface | None = None
+    """The same with the distance that is kept from it on ways in the open; None: the same."""
 
 
 class CollisionChecker:
@@ -82,14 +84,18 @@ class CollisionChecker:
         self._lowered_table = self._box(base_from_table, TABLE_SLACK)
         self._keep_out = [self._kept_out(base_from_world, box) for box in around.keep_out]
         self._surface = self._mesh(base_from_world, around.surface)
+        wide = around.surface if around.wide is None else around.wide
+        self._wide = self._mesh(base_from_world, wide)
         self._self_pairs = self._pairs()
 
     def is_free(self, joints: Array, grasping: bool = False) -> bool:
         """Whether nothing touches anything with the joints at (6,). On the straight way to a grasp,
-        `grasping`, the fingers may enter the surface: they are about to close on it."""
+        `grasping`, no distance is kept, and the fingers may enter the surface: they are about to close on
+        it."""
         self._place(self._model.frames(joints))
         links = [body for frame, body, _ in self._links if frame >= LOWEST_LINK]
-        solid = [self._table, *self._keep_out] + ([] if self._surface is None else [self._surface])
+        surface = self._surface if grasping else self._wide
+        solid = [self._table, *self._keep_out] + ([] if surface is None else [surface])
         apart = (*self._camera, *self._palm, *reversed(links))
         around_fingers = [self._lowered_table, *self._keep_out] if grasping else solid
         return not (

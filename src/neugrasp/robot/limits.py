@@ -19,6 +19,7 @@ from neugrasp.robot.errors import (
     LimitExceeded,
     NotFinite,
     OutsideZone,
+    Refused,
     RobotError,
     Stopped,
     TooFast,
@@ -86,6 +87,14 @@ class Fence:
             raise NotFinite("a pose holds NaN or infinity; nothing has moved")
         self._check_tcp(np.asarray(world_from_tcp)[None, :3, 3])
 
+    def allows(self, joints: Array) -> bool:
+        """Whether the joints may be at (6,): TCP and links where the limits let them. For planners."""
+        try:
+            self._check_places(joints[None])
+        except Refused:
+            return False
+        return True
+
     def check(self, motion: Trajectory, now: Array) -> None:
         """Raises a `Refused` where any moment of a motion from the joints `now` (6,) is not allowed."""
         times, joints = motion.times, motion.joints
@@ -100,11 +109,15 @@ class Fence:
         if beyond.max() > 1e-9:
             joint = int(beyond.max(axis=0).argmax()) + 1
             raise LimitExceeded(f"joint {joint} would leave its range by {beyond.max():.3f} rad")
+        self._check_pace(times, joints, self._check_places(joints))
+
+    def _check_places(self, joints: Array) -> Array:
+        """Where the TCP is (n, 3). Raises a `Refused` where it, or a link, must not be."""
         frames = self.world_from_base @ self.model.frames(joints)
-        tcp = (frames[:, -1] @ self.flange_from_tcp)[:, :3, 3]
-        self._check_pace(times, joints, tcp)
+        tcp: Array = (frames[:, -1] @ self.flange_from_tcp)[:, :3, 3]
         self._check_tcp(tcp)
         self._check_links(frames[:, :, :3, 3], tcp)
+        return tcp
 
     def _check_pace(self, times: Array, joints: Array, tcp: Array) -> None:
         steps = np.diff(times)
@@ -137,6 +150,8 @@ class Fence:
 
     def _check_links(self, origins: Array, tcp: Array) -> None:
         """`origins` (n, 7, 3) of the links' frames; points between them stand for the links."""
+        if not self.limits.keep_out:
+            return
         chain = np.concatenate([origins, tcp[:, None]], axis=1)
         for part in np.arange(0, 1, BESIDE):
             self._check_boxes((1 - part) * chain[:, 1:-1] + part * chain[:, 2:])

@@ -68,10 +68,10 @@ class Motion:
     timeout_s: float = 5.0
     """Of one search for a way."""
 
-    def checker(self, surface: Surface | None) -> CollisionChecker:
-        """What tells collisions, with what was seen on the table."""
+    def checker(self, surface: Surface | None, wide: Surface | None = None) -> CollisionChecker:
+        """What tells collisions, with what was seen on the table and how far from it is far enough."""
         fence = self.fence
-        around = Surroundings(fence.world_from_table, fence.limits.keep_out, surface)
+        around = Surroundings(fence.world_from_table, fence.limits.keep_out, surface, wide)
         return CollisionChecker(fence.model, self.tool, fence.world_from_base, around)
 
     def tcp(self, joints: Array) -> Array:
@@ -93,14 +93,16 @@ class Motion:
         """The way to the first of the goals (n, 6) that one is found to. Raises a `NoPlan`."""
         if not len(goals):
             raise Unreachable("no position of the joints brings the hand there")
-        free = [goal for goal in goals if checker.is_free(goal, grasping)]
+
+        def is_free(joints: Array) -> bool:
+            return self.fence.allows(joints) and checker.is_free(joints, grasping)
+
+        free = [goal for goal in goals if is_free(goal)]
         if not free:
             raise InCollision("the arm would touch something there")
         for goal in free[:TRIES]:
             try:
-                legs = free_way(
-                    start, goal, self.fence.model, lambda q: checker.is_free(q, grasping), self.timeout_s
-                )
+                legs = free_way(start, goal, self.fence.model, is_free, self.timeout_s)
             except PlanningFailed:
                 continue
             return self.timed(legs)

@@ -13,7 +13,7 @@ from neugrasp.geometry.pose import Array, from_quaternion, inverse
 from neugrasp.gripper import Gripper
 from neugrasp.simulation.arm_urdf import BASE, FLANGE
 
-STIFFNESS, DAMPING = 0.3, 1.0
+STIFFNESS, DAMPING = 0.9, 1.0
 """Gains of the joints, in the engine's terms."""
 TORQUES = (150.0, 150.0, 150.0, 28.0, 28.0, 28.0)
 """Newton metres that the joints can give (UR5e)."""
@@ -121,8 +121,10 @@ class JointedArm:
 
     def follow(self, targets: Iterable[Array], until: Callable[[], bool]) -> bool:
         """One physics step for each target (6,); whether `until` ended it. The arm stays where it then is."""
+        before = self.joints()
         for target in targets:
-            self.aim(target)
+            self.aim(target, (target - before) / self.time_step)
+            before = target
             self._client.stepSimulation()
             if until():
                 self.aim(self.joints())
