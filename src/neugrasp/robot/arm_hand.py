@@ -56,9 +56,8 @@ class ArmHand:
     def prepare(self, grasp: Grasp, detection: Detection) -> ArmHand:
         """Plans all motions of a grasp past the detected surface. As `Manipulator.prepare`."""
         if self._checker is None or self._seen is not detection:
-            seen = (None, None)
-            if detection.tsdf is not None:
-                seen = (detection.surface(), detection.surface(CLEARANCE))
+            has_surface = detection.tsdf is not None
+            seen = (detection.surface(), detection.surface(CLEARANCE)) if has_surface else ()
             self._checker, self._seen = self._motion.checker(*seen), detection
         self._plan = self._motion.pick(self._joints(), grasp, self._places.drop, self._checker)
         self._trail = []

@@ -7,6 +7,7 @@ import json
 import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal, cast, get_args
 
 import numpy as np
 
@@ -28,8 +29,8 @@ FAR = 10.0
 ARM_DRIVERS = ("twin", "ur")
 GRIPPER_DRIVERS = ("twin", "robotiq")
 CAMERA_DRIVERS = ("twin", "realsense", "opencv")
-SCENES = ("packed", "pile", "single")
-MATERIALS = ("transparent-specular", "diffuse", "mixed", "specular", "transparent")
+SceneKind = Literal["packed", "pile", "single"]
+Materials = Literal["transparent-specular", "diffuse", "mixed", "specular", "transparent"]
 TWIN = "twin"
 
 
@@ -84,9 +85,9 @@ class CameraPart:
 class TwinPart:
     """What lies on a simulated table."""
 
-    scene: str
+    scene: SceneKind
     objects: int
-    materials: str
+    materials: Materials
     seed: int
 
 
@@ -262,5 +263,6 @@ def _box(fields: Fields) -> Box:
 
 def _twin(fields: Fields) -> TwinPart:
     fields.only(("scene", "objects", "materials", "seed"))
-    scene, materials = fields.text("scene", SCENES), fields.text("materials", MATERIALS)
+    scene = cast(SceneKind, fields.text("scene", get_args(SceneKind)))
+    materials = cast(Materials, fields.text("materials", get_args(Materials)))
     return TwinPart(scene, fields.whole("objects", 1, 12), materials, fields.whole("seed", 0, 2**31))

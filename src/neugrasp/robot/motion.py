@@ -68,7 +68,7 @@ class Motion:
     timeout_s: float = 5.0
     """Of one search for a way."""
 
-    def checker(self, surface: Surface | None, wide: Surface | None = None) -> CollisionChecker:
+    def checker(self, surface: Surface | None = None, wide: Surface | None = None) -> CollisionChecker:
         """What tells collisions, with what was seen on the table and how far from it is far enough."""
         fence = self.fence
         around = Surroundings(fence.world_from_table, fence.limits.keep_out, surface, wide)
@@ -121,7 +121,8 @@ class Motion:
         shift = world_from_tcp[:3, 3] - here[:3, 3]
         ends = Rotation.from_matrix(np.stack([here[:3, :3], world_from_tcp[:3, :3]]))
         turn = float((ends[0].inv() * ends[1]).magnitude())
-        count = max(2, int(np.ceil(max(np.linalg.norm(shift) / LINE_STEP, turn / LINE_TURN))) + 1)
+        steps = max(float(np.linalg.norm(shift)) / LINE_STEP, turn / LINE_TURN)
+        count = max(2, int(np.ceil(steps)) + 1)
         between = Slerp([0, 1], ends)
         joints = [start]
         for part in np.linspace(0, 1, count)[1:]:
