@@ -27,7 +27,7 @@ LAYERS = [
     {"detection", "training", "baselines", "doctor", "importers"},
     {"robot", "client"},
     {"evaluation"},
-    {"report", "exporters", "viewer"},
+    {"report", "exporters", "viewer", "operation"},
     {"demo"},
     {"bench", "figures", "server", "ros"},
     {"cli"},
@@ -103,6 +103,9 @@ def test_reading_needs_the_errors_only(module: str):
         ("prometheus_client", "server/meters.py"),
         ("pydantic", "server/schemas.py"),
         ("httpx", "client/client.py"),
+        ("fcl", "robot/collision.py"),
+        ("ompl", "robot/free_way.py"),
+        ("airo_models", "simulation/arm_urdf.py"),
     ],
 )
 def test_heavy_modules_have_one_home(module: str, home: str):
@@ -134,7 +137,7 @@ def test_files_can_be_read_in_one_sitting(file: Path):
 
 
 HEAVY = {"pybullet", "pybullet_data", "bpy", "trimesh", "matplotlib", "tensorboard", "tyro", "viser"}
-HEAVY |= {"cv2", "sklearn", "fastapi", "pydantic", "uvicorn", "httpx"}
+HEAVY |= {"cv2", "sklearn", "fastapi", "pydantic", "uvicorn", "httpx", "fcl", "ompl", "airo_models"}
 
 
 @pytest.mark.parametrize(

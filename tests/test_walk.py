@@ -23,6 +23,7 @@ from neugrasp.errors import NeuGraspError
 from neugrasp.viewer.browser import find_browser
 
 SCENE = Path(str(demo_scenes()[0].folder))
+CELL = Path(__file__).parents[1] / "examples/cells/twin.toml"
 STEPS = {
     "demo": "demo --out demo",
     "doctor": f"doctor {SCENE}",
@@ -40,6 +41,8 @@ STEPS = {
     "train-evaluator": "train-evaluator --data lessons --steps 1 --out judge",
     "validate": "validate --data photos --out held",
     "evaluate": "evaluate --detector oracle --scene packed --rounds 1 --workers 1 --out rounds",
+    "cell": f"cell check {CELL}",
+    "run": f"run {CELL} --detector oracle --out cleared",
     "compare": "compare rounds rounds2",
     "failures": "failures rounds",
     "story": "story rounds 0 --photos no",

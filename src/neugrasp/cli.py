@@ -26,6 +26,7 @@ from neugrasp.evaluation.commands import Compare, Evaluate, Failures, Results, S
 from neugrasp.exporters.command import Export
 from neugrasp.figures.command import Figure
 from neugrasp.importers.command import Import, PrintBoard
+from neugrasp.operation.command import Cell, Run
 from neugrasp.report.command import DataSheet, Predict
 from neugrasp.ros.command import Ros
 from neugrasp.server.command import Serve
@@ -85,6 +86,8 @@ COMMANDS: dict[str, Command] = {
     "train": Command(Train, "training.trainer:run", "training.recipes:configured"),
     "train-evaluator": Command(TrainEvaluator, "training.evaluator:run"),
     "evaluate": Command(Evaluate, "evaluation.run:run"),
+    "run": Command(_positional(Run), "operation.run:run"),
+    "cell": Command(_positional(Cell), "operation.check:run"),
     "board": Command(PrintBoard, "importers.sheet:run"),
     "export": Command(_positional(Export), "exporters.exporting:run"),
     "pack": Command(Pack, "data.run:run"),

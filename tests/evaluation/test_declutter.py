@@ -66,7 +66,7 @@ def play(world: World) -> Callable[..., Episode]:
     def playing(detector: Any, *bodies: Any, strategy: str = "top") -> Episode:
         robot = SimulatedRobot(world, boxes_scene(*bodies))
         game = Game(protocol_of("paper"), strategy_of(strategy), draw, UP)
-        return declutter(game, 7, Robot(NoCamera(), robot, robot, robot), detector, Notary())
+        return declutter(game, 7, Robot(NoCamera(), robot, robot), detector, Notary())
 
     return playing
 
@@ -125,7 +125,7 @@ def test_an_object_pushed_off_the_table_is_told_and_not_counted(play: Callable[.
 
     robot = Sweeping(world, boxes_scene(*THREE[:2]))
     game = Game(protocol_of("paper"), strategy_of("top"), draw, UP)
-    episode = declutter(game, 0, Robot(NoCamera(), robot, robot, robot), Clearer(), Notary())
+    episode = declutter(game, 0, Robot(NoCamera(), robot, robot), Clearer(), Notary())
     assert [attempt.lost for attempt in episode.attempts] == [1, 1]
     assert {attempt.reason for attempt in episode.attempts} == {"carried away from the table"}
     result = scores([episode], protocol_of("paper"))
@@ -186,7 +186,7 @@ def shown(world: World, *bodies: Any) -> Spy:
     witness = SimulatedWitness(robot, TruthCamera(world))
     game = Game(protocol_of("paper"), strategy_of("top"), draw, UP)
     spy = Spy()
-    declutter(game, 0, Robot(camera, robot, robot, robot), spy, witness)
+    declutter(game, 0, Robot(camera, robot, robot), spy, witness)
     return spy
 
 

@@ -45,8 +45,9 @@ class PaperRobot:
         self.places.append(position)
         return self.contact and stop_on_contact
 
-    def deliver(self) -> None:
+    def deliver(self) -> bool:
         self.done.append("deliver")
+        return True
 
     def leave(self) -> None:
         self.done.append("leave")

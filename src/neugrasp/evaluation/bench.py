@@ -13,18 +13,23 @@ from neugrasp.detection.registry import DEPTH, TRUTH, detector_spec
 from neugrasp.errors import InputError, WriteError
 from neugrasp.evaluation.cells import background_folder
 from neugrasp.evaluation.commands import Evaluate
-from neugrasp.evaluation.declutter import Game, declutter
+from neugrasp.evaluation.declutter import Game, Log, declutter
 from neugrasp.evaluation.episode import CRASHED, Episode
-from neugrasp.evaluation.folder import workspace_of
+from neugrasp.evaluation.folder import scene_of, workspace_of
+from neugrasp.evaluation.protocols import Protocol as Rules
 from neugrasp.evaluation.protocols import protocol_of, strategy_of
 from neugrasp.evaluation.rounds import Round, Rounds
 from neugrasp.evaluation.witness import SimulatedWitness
 from neugrasp.geometry.pose import Array
 from neugrasp.gripper import Gripper
+from neugrasp.robot.cell_file import read_cell
 from neugrasp.robot.interface import Camera, Robot
 from neugrasp.robot.simulated import SimulatedRobot
 from neugrasp.robot.simulated_cameras import DepthCamera, PhotoCamera, RgbdCamera, TruthCamera
 from neugrasp.robot.simulated_stereo import StereoCamera, StereoRgbdCamera
+from neugrasp.robot.tour import TouringCamera
+from neugrasp.robot.twin import TwinRobot
+from neugrasp.robot.workcell import moved_to, planner_of, tour_of
 from neugrasp.simulation.cell_photos import Photographer, backgrounds
 from neugrasp.simulation.objects import ObjectLibrary, ObjectModel
 from neugrasp.simulation.physics import World
@@ -54,9 +59,15 @@ class _SameFriction:
 class Bench:
     """The world, the rounds and the detector of one evaluation."""
 
-    def __init__(self, config: Evaluate, photographer: Photographer | None):
+    def __init__(
+        self,
+        config: Evaluate,
+        photographer: Photographer | None,
+        rules: Rules | None = None,
+        speed: float = 1.0,
+    ):
         self.config = config
-        self.rules = protocol_of(config.protocol)
+        self.rules = rules or protocol_of(config.protocol)
         self._photographer = photographer
         self._library = ObjectLibrary.open(config.object_sets, config.objects)
         self._rounds = Rounds(
@@ -73,6 +84,9 @@ class Bench:
         self._spec = detector_spec(config.detector)
         workspace = workspace_of(self._spec.facts(config.options()))
         self.world = World(workspace, library, Gripper.load(config.gripper))
+        self._cell = (
+            None if config.cell is None else moved_to(read_cell(config.cell), workspace).at_speed(speed)
+        )
         self._detector = self._spec.load(config.options())
         strategy = self.rules.strategy if config.strategy == "protocol" else config.strategy
         up: Array = self.world.workspace.world_from_workspace[:3, 2]
@@ -82,7 +96,7 @@ class Bench:
         """Round `index`; where it crashes, that is what comes back."""
         start = time.perf_counter()
         try:
-            return self._play(index)
+            return self.play_on(index, Log())
         except (InputError, WriteError):
             raise
         except Exception as error:
@@ -91,19 +105,32 @@ class Bench:
             details = printable(traceback.format_exception_only(error)[-1].strip())
             return Episode(index, 0, CRASHED, error=details, timing_s=seconds)
 
-    def _play(self, index: int) -> Episode:
+    def play_on(self, index: int, log: Log) -> Episode:
+        """Round `index`, or the rest of it; what goes wrong is raised."""
         start = time.perf_counter()
         fixed = self._rounds.make(index, self.world)
+        if log.begun is not None and log.begun.left is not None:
+            fixed = replace(fixed, scene=scene_of(log.begun.left))
         arranged = time.perf_counter()
-        robot = SimulatedRobot(self.world, fixed.scene, self.rules.table_contact)
         truth = TruthCamera(self.world)
-        camera = self._camera(fixed, robot, truth)
+        robot, table = self._robot(fixed, truth)
         prepared = time.perf_counter()
-        witness = SimulatedWitness(robot, truth)
-        seen_by = Robot(camera, robot, robot, robot)
-        episode = declutter(self._game, index, seen_by, self._detector, witness)
+        witness = SimulatedWitness(table, truth)
+        episode = declutter(self._game, index, robot, self._detector, witness, log)
         seconds = {"arrange": arranged - start, "prepare": prepared - arranged, **episode.timing_s}
         return replace(episode, scene_sha256=fixed.scene_sha256, timing_s=seconds)
+
+    def _robot(self, fixed: Round, truth: TruthCamera) -> tuple[Robot[Any], SimulatedRobot]:
+        """The floating hand, or the arm of a cell, and the table that it clears."""
+        if self._cell is None:
+            floating = SimulatedRobot(self.world, fixed.scene, self.rules.table_contact)
+            return Robot(self._camera(fixed, floating, truth), floating, floating), floating
+        cell, motion = self._cell, planner_of(self._cell)
+        twin = TwinRobot(self.world, fixed.scene, cell, motion)
+        views = [replace(cell.camera.camera, world_from_camera=s.world_from_camera) for s in fixed.sensors]
+        eyes = self._camera(fixed, twin.table, truth)
+        camera = TouringCamera(twin.arm, tour_of(cell, motion, views), eyes)
+        return Robot(camera, twin.manipulator, twin.table), twin.table
 
     def _camera(self, fixed: Round, robot: SimulatedRobot, truth: TruthCamera) -> Camera[Any]:
         """The eyes of the detector; only measuring sticks get the truth."""

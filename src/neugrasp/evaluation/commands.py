@@ -56,6 +56,9 @@ class Evaluate:
     """The depth sensor of detectors that see depth; stereo sees glass and steel as such a sensor does."""
     gripper: str = "panda"
     """A name of a bundled gripper, or a file."""
+    cell: Path | None = None
+    """A cell file: its arm carries the hand, and can fail to reach (docs/robot.md); its gripper and its views
+    are those of the rounds."""
     objects: Path | None = None
     """A folder of URDF objects, instead of the built-in ones."""
     split: Literal["test", "train"] = "test"
@@ -89,7 +92,7 @@ class Evaluate:
                 continue
             if field.name == "objects":
                 value = "OBJECTS"
-            elif field.name in ("weights", "gripper", "evaluator", "restorer"):
+            elif field.name in ("weights", "gripper", "evaluator", "restorer", "cell"):
                 value = Path(value).name
             name = field.name.replace("_", "-")
             words += [f"--no-{name}"] if value is False else [f"--{name}", str(value)]

@@ -5,7 +5,8 @@ It drives the protocols of `robot.interface` and knows nothing of a simulation.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
@@ -16,6 +17,8 @@ from neugrasp.evaluation.episode import (
     EMPTY,
     FAILED_TOO_OFTEN,
     NOTHING_DETECTED,
+    NOTHING_REACHABLE,
+    UNFINISHED,
     Attempt,
     Episode,
 )
@@ -24,6 +27,7 @@ from neugrasp.evaluation.protocols import Protocol as Rules
 from neugrasp.geometry.pose import Array, to_quaternion
 from neugrasp.robot.interface import Robot
 from neugrasp.robot.pick import CARRIED_AWAY, Pick, pick
+from neugrasp.robot.ranking import Chosen, first_possible
 
 Seen = TypeVar("Seen")
 
@@ -60,6 +64,18 @@ class Game:
     """Unit vector away from the table, world frame."""
 
 
+def _nobody(_: Episode) -> None:
+    """Listens to nothing."""
+
+
+@dataclass(frozen=True)
+class Log:
+    """What is known of a round that was begun before, and who is told of every attempt."""
+
+    begun: Episode | None = None
+    told: Callable[[Episode], None] = _nobody
+
+
 @dataclass(frozen=True)
 class _Play:
     """One round under way."""
@@ -69,17 +85,25 @@ class _Play:
     robot: Robot[Any]
     witness: Witness
 
-    def attempt(self, number: int, detection: Detection, watch: Stopwatch) -> Attempt:
-        """Chooses one of the detected grasps and carries it out."""
+    def choose(self, number: int, detection: Detection) -> Chosen:
+        """The next of the detected grasps that can be carried out."""
+        game, rng = self.game, self.game.rng(self.index, number)
+        return first_possible(
+            self.robot.manipulator, detection, lambda grasps: game.choose(grasps, rng, game.up)
+        )
+
+    def attempt(self, number: int, detection: Detection, chosen: Chosen, watch: Stopwatch) -> Attempt:
+        """Carries out the grasp that was chosen."""
         game, robot = self.game, self.robot
-        chosen = game.choose(detection.grasps, game.rng(self.index, number), game.up)
-        grasp = detection.grasps[chosen]
+        assert chosen.index is not None
+        assert chosen.hand is not None
+        grasp = detection.grasps[chosen.index]
         objects, before = robot.table.count(), self.witness.describe()
         with watch.stage("judge"):
             judgement = self.witness.judge(detection)
         with watch.stage("execute"):
-            min_opening = game.rules.min_opening * robot.gripper.max_opening
-            result = pick(robot.arm, robot.gripper, grasp, min_opening, game.up)
+            min_opening = game.rules.min_opening * robot.manipulator.max_opening
+            result = pick(robot.manipulator, chosen.hand, grasp, min_opening, game.up)
         lost = objects - robot.table.count() - result.success
         x, y, z = grasp.position.tolist()
         qx, qy, qz, qw = to_quaternion(grasp.pose).tolist()
@@ -101,35 +125,54 @@ class _Play:
             l1_constants=judgement.constants,
             timing_s=watch.seconds | {f"detect: {name}": s for name, s in detection.timing_s.items()},
             before=before,
+            skipped=chosen.counts,
         )
 
 
 def declutter(
-    game: Game, index: int, robot: Robot[Seen], detector: Detector[Seen], witness: Witness
+    game: Game,
+    index: int,
+    robot: Robot[Seen],
+    detector: Detector[Seen],
+    witness: Witness,
+    log: Log | None = None,
 ) -> Episode:
-    """Plays round `index` to its end."""
-    play = _Play(game, index, robot, witness)
-    seconds: dict[str, float] = {}
-    start, failures = robot.table.count(), 0
-    attempts: list[Attempt] = []
-    ending = EMPTY
+    """Plays round `index` to its end, or the rest of a round that was begun."""
+    play, log = _Play(game, index, robot, witness), log or Log()
+    attempts = list(log.begun.attempts if log.begun else ())
+    seconds: dict[str, float] = dict(log.begun.timing_s if log.begun else {})
+    skipped = Counter(log.begun.skipped if log.begun else {})
+    start = log.begun.objects if log.begun else robot.table.count()
+
+    def so_far(ending: str) -> Episode:
+        now = witness.describe()
+        return Episode(
+            index, start, ending, tuple(attempts), timing_s=dict(seconds), left=now, skipped=dict(skipped)
+        )
+
     while robot.table.count() > 0:
-        if failures == game.rules.max_failures:
-            ending = FAILED_TOO_OFTEN
-            break
+        if _failures_in_a_row(attempts) == game.rules.max_failures:
+            return so_far(FAILED_TOO_OFTEN)
         watch = Stopwatch()
         with watch.stage("look"):
             seen = robot.camera.look()
         with watch.stage("detect"):
             detection = detector.detect(seen)
-        if detection.grasps:
-            attempts.append(play.attempt(len(attempts), detection, watch))
-            failures = 0 if attempts[-1].success else failures + 1
+        with watch.stage("plan"):
+            chosen = play.choose(len(attempts), detection)
+        skipped.update(chosen.counts)
+        if chosen.index is not None:
+            attempts.append(play.attempt(len(attempts), detection, chosen, watch))
         _add(seconds, watch.seconds)
-        if not detection.grasps:
-            ending = NOTHING_DETECTED
-            break
-    return Episode(index, start, ending, tuple(attempts), timing_s=seconds, left=witness.describe())
+        if chosen.index is None:
+            return so_far(NOTHING_REACHABLE if detection.grasps else NOTHING_DETECTED)
+        log.told(so_far(UNFINISHED))
+    return so_far(EMPTY)
+
+
+def _failures_in_a_row(attempts: Sequence[Attempt]) -> int:
+    """At the end."""
+    return next((i for i, a in enumerate(reversed(attempts)) if a.success), len(attempts))
 
 
 def _reason(result: Pick, lost: int) -> str:

@@ -17,7 +17,12 @@ EMPTY = "table empty"
 NOTHING_DETECTED = "nothing detected"
 FAILED_TOO_OFTEN = "failures in a row"
 CRASHED = "crashed"
+NOTHING_REACHABLE = "nothing reachable"
+"""Where an arm carries out none of the detected grasps."""
+UNFINISHED = "unfinished"
+"""Of a round that goes on where it is: `neugrasp run` writes it after every pick."""
 ENDINGS = (EMPTY, NOTHING_DETECTED, FAILED_TOO_OFTEN, CRASHED)
+"""Of every round; `NOTHING_REACHABLE` besides, where there is an arm."""
 
 FORMAT, VERSION = "neugrasp-round", 1
 MANY, FAR = 10**9, 1e9
@@ -58,6 +63,8 @@ class Attempt:
     """Seconds by stage."""
     before: dict[str, Any] | None = None
     """What lay on the table, as plain data."""
+    skipped: dict[str, int] = field(default_factory=dict)
+    """Grasps that were passed over before this one, by reason; only an arm does that."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +85,8 @@ class Episode:
     """Seconds by stage, attempts included."""
     left: dict[str, Any] | None = None
     """What lay on the table at the end, as plain data."""
+    skipped: dict[str, int] = field(default_factory=dict)
+    """Grasps that were passed over in the whole round, by reason."""
 
     @property
     def successes(self) -> int:
@@ -87,7 +96,8 @@ class Episode:
 
 def write_episode(path: Path, episode: Episode) -> None:
     """Writes the file whole or not at all."""
-    data = {"format": FORMAT, "version": VERSION, **asdict(episode)}
+    data = {"format": FORMAT, "version": VERSION, **_spare(asdict(episode))}
+    data["attempts"] = [_spare(attempt) for attempt in data["attempts"]]
     write_text(path, json.dumps(data, allow_nan=False) + "\n")
 
 
@@ -107,12 +117,13 @@ def _episode(fields: Fields) -> Episode:
     return Episode(
         fields.whole("index", 0, MANY),
         fields.whole("objects", 0, MANY),
-        fields.text("ending", ENDINGS),
+        fields.text("ending", (*ENDINGS, NOTHING_REACHABLE, UNFINISHED)),
         tuple(map(_attempt, fields.each("attempts"))),
         fields.text("scene_sha256"),
         fields.text("error"),
         fields.inside("timing_s").each_number(0, FAR),
         _lying(fields, "left"),
+        _skipped(fields),
     )
 
 
@@ -139,6 +150,7 @@ def _attempt(fields: Fields) -> Attempt:
         {value: constants.inside(value).each_number(0, FAR) for value in constants.data},
         fields.inside("timing_s").each_number(0, FAR),
         _lying(fields, "before"),
+        _skipped(fields),
     )
 
 
@@ -147,7 +159,19 @@ def _lying(fields: Fields, field: str) -> dict[str, Any] | None:
     return None if fields.get(field) is None else fields.inside(field).data
 
 
+def _spare(data: dict[str, Any]) -> dict[str, Any]:
+    """Without what only an arm has, where there was none: the record of a round is as it always was."""
+    return {name: value for name, value in data.items() if name != "skipped" or value}
+
+
+def _skipped(fields: Fields) -> dict[str, int]:
+    if "skipped" not in fields.data:
+        return {}
+    inside = fields.inside("skipped")
+    return {reason: inside.whole(reason, 0, MANY) for reason in inside.data}
+
+
 def attempt_line(attempt: Attempt) -> str:
     """The attempt as one line of attempts.jsonl: everything but what lay on the table."""
     data = {f.name: getattr(attempt, f.name) for f in dataclasses.fields(attempt) if f.name != "before"}
-    return json.dumps(data, allow_nan=False) + "\n"
+    return json.dumps(_spare(data), allow_nan=False) + "\n"

@@ -8,7 +8,7 @@ import logging
 import platform
 import time
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,7 @@ from neugrasp.long_runs import CONTENTS, begun_as, held, source_commit
 from neugrasp.metrics import wilson_interval
 from neugrasp.model.compute import Compute
 from neugrasp.progress import reached
+from neugrasp.robot.cell_file import read_cell, text_hash
 from neugrasp.simulation.infrared import PhotoAndInfrared, infrared_renderer
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.renderer import Renderer, RenderSettings
@@ -52,10 +53,11 @@ def evaluate(config: Evaluate, make_photographer: MakePhotographer | None = None
     Rounds that crashed are tried again. Raises `InputError` where an option cannot be used or the folder
     holds another evaluation, `NeuGraspError` where the disk refuses or a worker was killed.
     """
+    config = with_cell(config)
     facts, wanted = _checked(config)
     with held(config.out, "evaluate"):
         begun_as(config.out / "run.json", facts, "evaluation", young=CONTENTS)
-        files = [_file(config.out, index) for index in range(wanted)]
+        files = [round_file(config.out, index) for index in range(wanted)]
         found = [read_episode(path) for path in files if path.is_file()]
         kept = {episode.index for episode in found if episode.ending != CRASHED}
         missing = [index for index in range(wanted) if index not in kept]
@@ -63,12 +65,33 @@ def evaluate(config: Evaluate, make_photographer: MakePhotographer | None = None
         reached("rounds", len(kept), wanted)
         with closing(play_all(config, missing, make_photographer or _photographer_for(config))) as played:
             for episode in played:
-                write_episode(_file(config.out, episode.index), episode)
+                write_episode(round_file(config.out, episode.index), episode)
                 progress.add(episode)
         return _write(config, facts, [read_episode(path) for path in files])
 
 
-def _file(out: Path, index: int) -> Path:
+def with_cell(config: Evaluate) -> Evaluate:
+    """The evaluation with the gripper and the views of its cell, where it has one. Raises `InputError` where
+    it asks for others, and where nothing of the cell is simulated."""
+    if config.cell is None:
+        return config
+    cell = read_cell(config.cell)
+    if not cell.is_twin:
+        raise InputError(f"{config.cell}: its arm is real; rounds are played with a twin")
+    for option, own in (("gripper", cell.gripper.model), ("views", cell.views)):
+        given = getattr(config, option)
+        if given not in (own, getattr(Evaluate, option)):
+            raise InputError(f"--{option} {given}: the cell file says {own}")
+    return replace(config, gripper=cell.gripper.model, views=cell.views)
+
+
+def facts_of_rounds(config: Evaluate) -> dict[str, Any]:
+    """What the rounds of an evaluation depend on. Raises `InputError` where an option cannot be used."""
+    return _checked(config)[0]
+
+
+def round_file(out: Path, index: int) -> Path:
+    """Where the record of a round is."""
     return out / "rounds" / f"{index:06d}.json"
 
 
@@ -119,6 +142,7 @@ def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
         "objects_sha256": hashlib.sha256(json.dumps(choices).encode()).hexdigest(),
         "objects_content_sha256": library.content_hash(choices),
         **spec.facts(config.options()),
+        **({"cell_sha256": text_hash(config.cell)} if config.cell is not None else {}),
         # Only where it is not the usual one: evaluations of before it was an option go on.
         **({"precision": config.precision} if config.precision != "float32" else {}),
     }

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from neugrasp.evaluation.episode import CRASHED, ENDINGS, Attempt, Episode
+from neugrasp.evaluation.episode import CRASHED, ENDINGS, NOTHING_REACHABLE, Attempt, Episode
 from neugrasp.evaluation.protocols import Protocol
 from neugrasp.metrics import wilson_interval
-from neugrasp.robot.pick import REASONS, SUCCESS
+from neugrasp.robot.pick import DROPPED, REASONS, SUCCESS
 
 RESAMPLES = 10_000
 HEADLINE_MASK = "0.3"
@@ -41,8 +41,9 @@ def scores(episodes: Sequence[Episode], protocol: Protocol) -> dict[str, Any]:
         **_rate("FSR", firsts, len(played)),
         "DR": _percent(int(taken.sum()), int(objects.sum())),
         "DR_ci": _bootstrap(taken, objects),
-        "endings": {name: sum(e.ending == name for e in played) for name in ENDINGS if name != CRASHED},
+        "endings": _endings(played),
         "failures": _failures(attempts),
+        **_skipped(played),
         "by_material": _by_material(played),
         **_l1(attempts),
         **_times(played),
@@ -80,9 +81,27 @@ def _bootstrap(part: np.ndarray, whole: np.ndarray) -> list[float] | None:
     return [round(float(low), 2), round(float(high), 2)]
 
 
+def _endings(played: Sequence[Episode]) -> dict[str, int]:
+    counts = Counter(episode.ending for episode in played)
+    return {name: counts[name] for name in ENDINGS if name != CRASHED} | _counted(counts, NOTHING_REACHABLE)
+
+
 def _failures(attempts: Sequence[Attempt]) -> dict[str, int]:
     counts = Counter(attempt.reason for attempt in attempts)
-    return {reason: counts[reason] for reason in REASONS if reason != SUCCESS}
+    return {reason: counts[reason] for reason in REASONS if reason != SUCCESS} | _counted(counts, DROPPED)
+
+
+def _counted(counts: Counter[str], name: str) -> dict[str, int]:
+    """What only an arm does, where it did it."""
+    return {name: counts[name]} if counts[name] else {}
+
+
+def _skipped(played: Sequence[Episode]) -> dict[str, Any]:
+    """Grasps that an arm passed over, by reason; no entry where nothing was."""
+    total: Counter[str] = Counter()
+    for episode in played:
+        total.update(episode.skipped)
+    return {"skipped": dict(sorted(total.items()))} if total else {}
 
 
 def _by_material(played: Sequence[Episode]) -> dict[str, dict[str, Any]]:

@@ -1,14 +1,21 @@
-"""What a robot cell can do, simulated or real: look, move, close, deliver. The benchmark knows nothing else.
+"""What a robot cell can do, simulated or real. The benchmark and `neugrasp run` know nothing else.
 
-Poses and positions are those of the TCP in the user's world, metres.
+Two levels. `Camera`, `Manipulator` and `Table` are what a loop needs that clears tables. `Arm` and `Gripper`
+are what drivers offer, and what `robot.arm_hand` makes a manipulator of. Poses are those of the TCP in the
+user's world, metres; joints are radians. Every wait has an end; what goes wrong is a `RobotError`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import TracebackType
 from typing import Generic, Protocol, TypeVar
 
+from neugrasp.detection.contract import Detection
+from neugrasp.execution import Hand
 from neugrasp.geometry.pose import Array
+from neugrasp.grasp import Grasp
+from neugrasp.robot.trajectory import Trajectory
 
 Seen = TypeVar("Seen", covariant=True)
 
@@ -21,48 +28,28 @@ class Camera(Protocol[Seen]):
         ...
 
 
-class Arm(Protocol):
-    """What moves the hand."""
-
-    def go_to(self, world_from_tcp: Array) -> bool:
-        """Brings the hand to a pose on a way of its own; False where it cannot without touching something."""
-        ...
-
-    def move_straight(self, position: Array, stop_on_contact: bool) -> bool:
-        """Leads the TCP along a line, its orientation kept; whether a contact stopped it on the way."""
-        ...
-
-    def deliver(self) -> None:
-        """Takes what is held off the table and the hand out of sight; returns when all that is left rests."""
-        ...
-
-    def leave(self) -> None:
-        """Lets go and takes the hand out of sight; returns when everything rests."""
-        ...
-
-
-class Gripper(Protocol):
-    """What closes around an object."""
+class Manipulator(Protocol):
+    """What carries out grasps: a floating hand in physics, or an arm that plans its ways."""
 
     @property
     def max_opening(self) -> float:
         """Largest distance between the pads, metres."""
         ...
 
-    def open(self) -> None:
-        """Opens as far as it goes."""
+    def prepare(self, grasp: Grasp, detection: Detection) -> Hand:
+        """A hand that can carry a grasp (world frame) out from here, past what was detected.
+
+        Raises `NoPlan` where it cannot, with the reason, and `Refused` where it must not; nothing has moved.
+        """
         ...
 
-    def close(self) -> None:
-        """Closes until something or the other finger resists, and goes on pressing."""
+    def deliver(self) -> bool:
+        """Takes what is held off the table and the hand out of sight; returns when all that is left rests:
+        whether it was held all the way."""
         ...
 
-    def opening(self) -> float:
-        """The distance between the pads, metres."""
-        ...
-
-    def holds(self) -> bool:
-        """Whether an object touches the hand. A gripper without touch tells it from the opening."""
+    def leave(self) -> None:
+        """Lets go and takes the hand out of sight; returns when everything rests."""
         ...
 
 
@@ -79,6 +66,67 @@ class Robot(Generic[Seen]):
     """A cell with everything in it."""
 
     camera: Camera[Seen]
-    arm: Arm
-    gripper: Gripper
+    manipulator: Manipulator
     table: Table
+
+
+@dataclass(frozen=True)
+class ArmState:
+    """An arm at one moment."""
+
+    joints: Array
+    """(6,) radians, as measured."""
+    speeds: Array
+    """(6,) rad/s."""
+    stamp: float
+    """Seconds, by the clock of `time.monotonic`, or of the simulation."""
+
+
+class Arm(Protocol):
+    """A driver of an arm. As a context it leaves the arm still, whatever happened."""
+
+    def __enter__(self) -> Arm: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    def state(self) -> ArmState:
+        """Where the arm is. Raises `ConnectionLost` where the news is old."""
+        ...
+
+    def execute(self, motion: Trajectory, until_contact: bool, timeout_s: float) -> bool:
+        """Carries a motion out; whether a contact ended it, which it does where `until_contact`.
+
+        Raises `MotionTimeout`, `Stopped`, `ProtectiveStop`, `EmergencyStop` or `ConnectionLost`; the arm
+        stands still then.
+        """
+        ...
+
+    def stop(self) -> None:
+        """Ends a motion at once, from whichever thread; returns when the arm was told."""
+        ...
+
+
+class Gripper(Protocol):
+    """A driver of a gripper."""
+
+    @property
+    def max_opening(self) -> float:
+        """Largest distance between the pads, metres."""
+        ...
+
+    def move(self, opening: float, force: float, timeout_s: float) -> float:
+        """Goes to an opening, metres, until something resists with `force`, newton, and goes on pressing.
+
+        Returns the opening where it stands. Raises `GripperFault`, `MotionTimeout` or `ConnectionLost`.
+        """
+        ...
+
+    def opening(self) -> float:
+        """The distance between the pads, metres."""
+        ...
+
+    def holds(self) -> bool:
+        """Whether something is between the pads. A gripper without touch tells it from the opening."""
+        ...

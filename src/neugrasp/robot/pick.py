@@ -5,16 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from neugrasp import execution
-from neugrasp.execution import NOTHING_HELD, SUCCESS, carry_out
+from neugrasp.execution import NOTHING_HELD, SUCCESS, Hand, carry_out
 from neugrasp.geometry.pose import Array
 from neugrasp.grasp import Grasp
-from neugrasp.robot.interface import Arm, Gripper
+from neugrasp.robot.interface import Manipulator
 
 COLLISION = "collision on the way"
 SLIPPED = "slipped on lifting"
 CARRIED_AWAY = "carried away from the table"
 REASONS = (SUCCESS, COLLISION, NOTHING_HELD, SLIPPED, CARRIED_AWAY)
 """What a round counts."""
+DROPPED = "dropped on the way"
+"""Besides, where an arm carries what it holds."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +24,7 @@ class Pick:
     """What came of a grasp."""
 
     reason: str
-    """One of `REASONS`, but for the last, which only a look at the table can tell."""
+    """One of `REASONS`, but for the last, which only a look at the table can tell; or `DROPPED`."""
     opening: float
     """Between the pads at the end, metres."""
     touched: bool
@@ -34,52 +36,25 @@ class Pick:
         return self.reason == SUCCESS
 
 
-@dataclass(frozen=True)
-class _Hand:
-    """Arm and gripper as one, for `carry_out`."""
-
-    arm: Arm
-    gripper: Gripper
-
-    def open(self) -> None:
-        self.gripper.open()
-
-    def go_to(self, pose: Array) -> bool:
-        return self.arm.go_to(pose)
-
-    def move_straight(self, position: Array, stop_on_contact: bool) -> bool:
-        return self.arm.move_straight(position, stop_on_contact)
-
-    def close(self) -> None:
-        self.gripper.close()
-
-    def opening(self) -> float:
-        return self.gripper.opening()
-
-    def holds(self) -> bool:
-        return self.gripper.holds()
-
-
-def pick(arm: Arm, gripper: Gripper, grasp: Grasp, min_opening: float, up: Array) -> Pick:
-    """Carries out a grasp (world frame); when it returns, the hand is out of the way and everything rests.
+def pick(manipulator: Manipulator, hand: Hand, grasp: Grasp, min_opening: float, up: Array) -> Pick:
+    """Carries out a grasp (world frame) with the hand that was prepared for it; when it returns, the hand is
+    out of the way and everything rests.
 
     A contact ends the approach and the fingers close there. Success is an object in the hand and more than
     `min_opening` metres between the pads after the retreat. `up` is the unit vector away from the table.
     """
     x, y, z = up.tolist()
-    outcome = carry_out(_Hand(arm, gripper), replace(grasp, up=(x, y, z)), min_opening)
-    opening = gripper.opening()
-    if outcome.success:
-        arm.deliver()
-    else:
-        arm.leave()
-    return Pick(_reason(outcome), opening, outcome.touched)
+    outcome = carry_out(hand, replace(grasp, up=(x, y, z)), min_opening)
+    opening = hand.opening()
+    if not outcome.success:
+        manipulator.leave()
+        return Pick(_reason(outcome), opening, outcome.touched)
+    arrived = manipulator.deliver()
+    return Pick(SUCCESS if arrived else DROPPED, opening, outcome.touched)
 
 
 def _reason(outcome: execution.Outcome) -> str:
     """As a round counts: an empty hand that was stopped on its way has collided."""
-    if outcome.success:
-        return SUCCESS
     if outcome.reason == execution.SLIPPED:
         return SLIPPED
     return COLLISION if outcome.touched else NOTHING_HELD

@@ -9,7 +9,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from neugrasp.data.world import Body, Material, Scene
+from neugrasp.detection.contract import Detection
 from neugrasp.geometry.pose import Array
+from neugrasp.grasp import Grasp
 from neugrasp.simulation.physics import World
 
 
@@ -47,7 +49,11 @@ class SimulatedRobot:
         self._world.hand().move(position, until=self._touches if stop_on_contact else _never)
         return stop_on_contact and self._touches()
 
-    def deliver(self) -> None:
+    def prepare(self, grasp: Grasp, detection: Detection) -> SimulatedRobot:
+        """Nothing to do: a hand that floats gets everywhere, or touches something there."""
+        return self
+
+    def deliver(self) -> bool:
         """Takes the object in the hand and the hand out of the world; the rest settles."""
         held = self._world.held()
         if held is not None:
@@ -55,6 +61,7 @@ class SimulatedRobot:
             kept = [m for i, m in enumerate(self._scene.materials) if i != held]
             self._scene = replace(self._scene, materials=tuple(kept))
         self.leave()
+        return True
 
     def leave(self) -> None:
         """Takes the hand out of the world; the rest settles, and what lies outside the workspace is gone."""

@@ -21,6 +21,8 @@ from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
+from neugrasp.simulation.arm import JointedArm
+from neugrasp.simulation.arm_urdf import write_arm
 from neugrasp.simulation.depth import plane_depth, rendered
 from neugrasp.simulation.frozen import Freezer
 from neugrasp.simulation.hand import Hand
@@ -68,6 +70,7 @@ class World:
         self._urdfs: dict[tuple[str, str], Path] = {}
         self._placed: list[Placed] = []
         self._hand: Hand | None = None
+        self._arm: JointedArm | None = None
         self.clear()
         self.approach = self.hand().try_approach()
         """Metres by which the hand is short of a grasp at each look for contacts on its approach."""
@@ -92,7 +95,7 @@ class World:
             fixedTimeStep=TIME_STEP, numSolverIterations=SOLVER_ITERATIONS, deterministicOverlappingPairs=1
         )
         client.setGravity(0, 0, -9.81)
-        self._placed, self._hand = [], None
+        self._placed, self._hand, self._arm = [], None, None
         half = TABLE_SIZE / 2
         x, y, z = self.workspace.centre
         shape = client.createCollisionShape(client.GEOM_BOX, halfExtents=[half] * 3)
@@ -169,7 +172,7 @@ class World:
     def held(self) -> int | None:
         """The number of the first body that the hand touches; None where it touches none."""
         numbers = {placed.uid: i for i, placed in enumerate(self._placed)}
-        touched = [] if self._hand is None else self._hand.touched()
+        touched = self._arm.held() if self._arm else self._hand.touched() if self._hand else ()
         return next((numbers[uid] for uid in touched if uid in numbers), None)
 
     def nearest(self, point: Array) -> int | None:
@@ -245,6 +248,13 @@ class World:
         if self._hand is not None:
             self._client.removeBody(self._hand.uid)
             self._hand = None
+
+    def mount(self, model: str, world_from_base: Array, flange_from_hand: Array) -> JointedArm:
+        """Brings in an arm that carries the gripper; `clear` and `reset` take it out again."""
+        path = self._folder / f"{model}.urdf"
+        urdf = write_arm(model, self._hand_urdf, flange_from_hand, path)
+        self._arm = JointedArm(self._client, self.gripper, urdf, world_from_base)
+        return self._arm
 
     def save(self) -> int:
         """The name of the present state; valid as long as no body and no gripper comes or goes."""

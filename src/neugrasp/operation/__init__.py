@@ -1,0 +1,1 @@
+"""Working with a cell: examine its file (`check`), clear its table (`run`)."""

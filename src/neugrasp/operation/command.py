@@ -1,0 +1,63 @@
+"""The commands for a cell as plain data; heavy parts load when one is run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar, Literal
+
+from neugrasp.detection.options import DetectorOptions
+
+
+@dataclass(frozen=True)
+class Run:
+    """Clears the table of a cell: look, detect, choose, plan, pick, drop, until it is empty. Goes on where it
+    stopped."""
+
+    doing: ClassVar[str] = "reading the cell and planning the ways to its views"
+
+    cell: Path
+    """The cell file (docs/robot.md); examples/cells/twin.toml is a simulated one."""
+    out: Path = Path("outputs/run")
+    """Where run.json and rounds/ are written, as `neugrasp evaluate` does: `story`, `view` and `failures`
+    read them."""
+    detector: str = "neugrasp"
+    """As in `neugrasp evaluate`; oracle is told the true surface of a simulated table, and needs no
+    photos."""
+    weights: str = "neugrasp"
+    """A name of bundled weights, or a file."""
+    evaluator: str = "neugrasp"
+    """A name of a bundled evaluator of grasps, or a file: what the detectors that have one ask."""
+    hand_check: bool = True
+    """Send grasps as deep as the surface lets the hand, and drop those whose hand would meet it, or close
+    on nothing."""
+    threshold: float | None = None
+    """Score from which a grasp is one; by default the detector's own."""
+    strategy: Literal["top", "random", "highest"] = "top"
+    """In which order the detected grasps are tried until one can be reached."""
+    max_failures: int = 3
+    """Failures in a row after which the arm stops."""
+    speed: float = 1.0
+    """Share of the cell's limits at which the arm moves, above 0 to 1."""
+    samples: int = 4
+    """Of a pixel of the photos, in simulation: a power of two."""
+    device: str = "cpu"
+    """Where the detector computes: cpu, cuda, cuda:1."""
+    precision: Literal["float32", "bfloat16"] = "float32"
+    """Of the detector's products."""
+
+    def options(self) -> DetectorOptions:
+        """What the detector is told."""
+        return DetectorOptions.of(self)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Says what is wrong with a cell file before anything moves."""
+
+    doing: ClassVar[str] = "examining the cell"
+
+    action: Literal["check"]
+    """check: its places, its views, and the ways between them."""
+    cell: Path
+    """The cell file (docs/robot.md)."""

@@ -1,0 +1,156 @@
+"""`neugrasp run`: a cell clears its table. The loop is that of the benchmark; so is what is written."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from neugrasp.errors import InputError
+from neugrasp.evaluation.bench import Bench, needs_photographer
+from neugrasp.evaluation.commands import Evaluate
+from neugrasp.evaluation.declutter import Log
+from neugrasp.evaluation.episode import EMPTY, UNFINISHED, Attempt, Episode, read_episode, write_episode
+from neugrasp.evaluation.protocols import PROTOCOLS
+from neugrasp.evaluation.run import facts_of_rounds, round_file, with_cell
+from neugrasp.long_runs import begun_as, held
+from neugrasp.operation.check import findings_of
+from neugrasp.operation.command import Run
+from neugrasp.robot.cell_file import CellFile, read_cell
+from neugrasp.robot.errors import RobotError
+from neugrasp.simulation.cell_photos import Photographer
+from neugrasp.simulation.renderer import Renderer, RenderSettings
+from neugrasp.terminal import next_step
+
+log = logging.getLogger(__name__)
+
+ROUND = 0
+"""A run is one round."""
+
+
+def run(config: Run) -> str:
+    """`neugrasp run`: what came of it, and what to do next."""
+    cell = _checked(config)
+    if not cell.is_twin:
+        raise InputError(f"{config.cell}: drivers of hardware are not part of this version; 'twin' is")
+    file = round_file(config.out, ROUND)
+    with held(config.out, "run"):
+        asked = _evaluation(config, cell)
+        begun_as(config.out / "run.json", facts_of_rounds(asked), "run")
+        begun = read_episode(file) if file.is_file() else None
+        if begun is None or begun.ending == UNFINISHED:
+            episode = _clear(config, cell, asked, _Told(file, begun))
+            write_episode(file, episode)
+        else:
+            log.info("%s: this run has ended; another --out begins a new one", config.out)
+            episode = begun
+    return "\n".join([*_summary(episode), *_next(config)])
+
+
+def _checked(config: Run) -> CellFile:
+    """The cell. Raises `InputError` where an option cannot be used, or something is wrong with the cell."""
+    if not 0 < config.speed <= 1:
+        raise InputError(f"--speed {config.speed}; it must be above 0, and at most 1")
+    if config.max_failures < 1:
+        raise InputError(f"--max-failures {config.max_failures}; it must be at least 1")
+    cell = read_cell(config.cell)
+    wrong = [str(finding).strip() for finding in findings_of(cell) if finding.problem]
+    if wrong:
+        raise InputError(f"{config.cell}: {wrong[0]}; neugrasp cell check {config.cell} says everything")
+    return cell
+
+
+def _evaluation(config: Run, cell: CellFile) -> Evaluate:
+    """The rounds of which a run in a twin is one."""
+    assert cell.twin is not None
+    asked = Evaluate(
+        out=config.out,
+        detector=config.detector,
+        scene=cell.twin.scene,
+        materials=cell.twin.materials,
+        seed=cell.twin.seed,
+        strategy=config.strategy,
+        rounds=1,
+        weights=config.weights,
+        evaluator=config.evaluator,
+        hand_check=config.hand_check,
+        threshold=config.threshold,
+        samples=config.samples,
+        device=config.device,
+        precision=config.precision,
+        cell=config.cell,
+        workers=1,
+    )
+    return with_cell(asked)
+
+
+@dataclass
+class _Told:
+    """Writes the record after every pick, and says what came of it."""
+
+    file: Path
+    begun: Episode | None
+
+    def __call__(self, episode: Episode) -> None:
+        write_episode(self.file, episode)
+        log.info("%s", _pick(episode.attempts[-1]))
+
+
+def _clear(config: Run, cell: CellFile, asked: Evaluate, told: _Told) -> Episode:
+    """The table of a twin, to its end. Raises a `RobotError` where the arm was stopped; what was done until
+    then is written."""
+    assert cell.twin is not None
+    rules = replace(PROTOCOLS["paper"], max_failures=config.max_failures, num_objects=cell.twin.objects)
+    with _photographer(asked) as photographer:
+        bench = Bench(asked, photographer, rules, speed=config.speed)
+        with bench.world:
+            if told.begun is not None:
+                log.info("going on after %d picks", len(told.begun.attempts))
+            try:
+                return bench.play_on(ROUND, Log(told.begun, told))
+            except RobotError as error:
+                raise type(error)(
+                    f"{error}; {told.file} holds what was done, the same command goes on"
+                ) from error
+
+
+def _photographer(asked: Evaluate) -> AbstractContextManager[Photographer | None]:
+    if not needs_photographer(asked):
+        return nullcontext()
+    make: Any = partial(Renderer, settings=RenderSettings(samples=asked.samples))
+    opened: AbstractContextManager[Photographer | None] = make(2)
+    return opened
+
+
+def _pick(attempt: Attempt) -> str:
+    """One pick in a line."""
+    passed = ", ".join(f"{count} {reason}" for reason, count in attempt.skipped.items())
+    seconds = attempt.timing_s
+    return (
+        f"pick {attempt.attempt + 1}: {attempt.reason}, score {attempt.score:.2f}, "
+        f"{attempt.candidates} grasps"
+        + (f", passed over: {passed}" if passed else "")
+        + f"; {attempt.objects - attempt.success - attempt.lost} objects left; look "
+        f"{seconds.get('look', 0):.1f} s, detect {seconds.get('detect', 0):.1f} s, "
+        f"plan {seconds.get('plan', 0):.1f} s, pick {seconds.get('execute', 0):.1f} s"
+    )
+
+
+def _summary(episode: Episode) -> Sequence[str]:
+    passed = ", ".join(f"{count} {reason}" for reason, count in episode.skipped.items()) or "none"
+    ending = "the table is empty" if episode.ending == EMPTY else f"stopped: {episode.ending}"
+    return (
+        f"{ending}; {episode.successes} of {episode.objects} objects with {len(episode.attempts)} picks",
+        f"grasps passed over: {passed}",
+    )
+
+
+def _next(config: Run) -> Sequence[str]:
+    return (
+        next_step("story", config.out, ROUND, "--photos", "no"),
+        next_step("view", config.out, "--round", ROUND),
+    )

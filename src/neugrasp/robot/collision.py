@@ -1,0 +1,171 @@
+"""What arm, hand and camera would touch: the only file that imports FCL, a library of collision checks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from neugrasp.errors import require
+from neugrasp.geometry.pose import Array, inverse, rigid
+from neugrasp.geometry.surface import Surface
+from neugrasp.gripper import Gripper
+from neugrasp.robot.arm_model import ArmModel
+from neugrasp.robot.limits import Box
+
+TABLE_EDGE, TABLE_DEPTH = 3.0, 0.2
+"""Metres of the box that stands for the table."""
+TABLE_SLACK = 0.001
+"""Metres by which fingers may enter the table on their way to a grasp: hulls and planes are no finer."""
+LOWEST_LINK = 2
+"""The first moving link that could touch the table on which the arm stands."""
+APART = 2
+"""Links so many joints apart can touch; nearer ones are joined by design."""
+MOUNTED_BESIDE = 3
+"""The camera is held against links up to this one; it is mounted around the later ones."""
+
+
+@dataclass(frozen=True)
+class Tool:
+    """What the flange carries, as corners of convex parts in the flange's frame, metres."""
+
+    palm: tuple[Array, ...]
+    fingers: tuple[Array, ...]
+    """Open as far as they go."""
+    camera: tuple[Array, ...] = ()
+
+    @classmethod
+    def of(cls, gripper: Gripper, flange_from_hand: Array, camera: Sequence[Array] = ()) -> Tool:
+        """A gripper mounted at a pose, with its fingers open, and a camera beside it."""
+        half = gripper.max_opening / 2
+        turn = np.array([-1.0, -1.0, 1.0])
+        left = [hull + np.array([0, half, gripper.finger_mount]) for hull in gripper.finger.hulls]
+        right = [hull * turn + np.array([0, -half, gripper.finger_mount]) for hull in gripper.finger.hulls]
+        rotation, shift = flange_from_hand[:3, :3], flange_from_hand[:3, 3]
+        palm, fingers = (
+            tuple(hull @ rotation.T + shift for hull in hulls)
+            for hulls in (gripper.palm.hulls, (*left, *right))
+        )
+        return cls(palm, fingers, tuple(camera))
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What stands around an arm, world frame."""
+
+    world_from_table: Array
+    """z points away from its surface."""
+    keep_out: tuple[Box, ...] = ()
+    surface: Surface | None = None
+    """What was seen on the table."""
+    wide: Surface | None = None
+    """The same with the distance that is kept from it on ways in the open; None: the same."""
+
+
+class CollisionChecker:
+    """One arm with its tool in its surroundings."""
+
+    def __init__(self, model: ArmModel, tool: Tool, world_from_base: Array, around: Surroundings):
+        """Raises `MissingExtra` without FCL."""
+        self._fcl: Any = require("fcl", extra="robot")
+        self._model = model
+        self._request = self._fcl.CollisionRequest()
+        self._links = [(c.frame, *self._capsule(c.start, c.end, c.radius)) for c in model.capsules]
+        self._hand = self._convex(np.concatenate([*tool.palm, *tool.fingers]))
+        self._palm = [self._convex(hull) for hull in tool.palm]
+        self._fingers = [self._convex(hull) for hull in tool.fingers]
+        self._camera = [self._convex(hull) for hull in tool.camera]
+        base_from_world = inverse(world_from_base)
+        base_from_table = base_from_world @ around.world_from_table
+        self._table = self._box(base_from_table, 0.0)
+        self._lowered_table = self._box(base_from_table, TABLE_SLACK)
+        self._keep_out = [self._kept_out(base_from_world, box) for box in around.keep_out]
+        self._surface = self._mesh(base_from_world, around.surface)
+        wide = around.surface if around.wide is None else around.wide
+        self._wide = self._mesh(base_from_world, wide)
+        self._self_pairs = self._pairs()
+
+    def is_free(self, joints: Array, grasping: bool = False) -> bool:
+        """Whether nothing touches anything with the joints at (6,). On the straight way to a grasp,
+        `grasping`, no distance is kept, and the fingers may enter the surface: they are about to close on
+        it."""
+        self._place(self._model.frames(joints))
+        links = [body for frame, body, _ in self._links if frame >= LOWEST_LINK]
+        surface = self._surface if grasping else self._wide
+        solid = [self._table, *self._keep_out] + ([] if surface is None else [surface])
+        apart = (*self._camera, *self._palm, *reversed(links))
+        around_fingers = [self._lowered_table, *self._keep_out] if grasping else solid
+        return not (
+            self._any((body, other) for body in self._fingers for other in around_fingers)
+            or self._any((body, other) for body in apart for other in solid)
+            or self._any(self._self_pairs)
+        )
+
+    def _any(self, pairs: Iterable[tuple[Any, Any]]) -> bool:
+        result = self._fcl.CollisionResult
+        return any(self._fcl.collide(a, b, self._request, result()) for a, b in pairs)
+
+    def _place(self, frames: Array) -> None:
+        for frame, body, in_frame in self._links:
+            self._put(body, frames[frame] @ in_frame)
+        for body in (self._hand, *self._palm, *self._fingers, *self._camera):
+            self._put(body, frames[-1])
+
+    def _put(self, body: Any, base_from_body: Array) -> None:
+        body.setTransform(self._fcl.Transform(base_from_body[:3, :3], base_from_body[:3, 3]))
+
+    def _pairs(self) -> list[tuple[Any, Any]]:
+        links = [(frame, body) for frame, body, _ in self._links]
+        pairs = [(a, b) for i, a in links for j, b in links if j - i >= APART]
+        pairs += [(self._hand, body) for frame, body in links if frame <= self._hand_reaches()]
+        return pairs + [(c, body) for c in self._camera for frame, body in links if frame <= MOUNTED_BESIDE]
+
+    def _hand_reaches(self) -> int:
+        """The last link that the hand, which the last one carries, can touch."""
+        return len(self._model.d) - APART
+
+    def _object(self, geometry: Any, pose: Array) -> Any:
+        return self._fcl.CollisionObject(geometry, self._fcl.Transform(pose[:3, :3], pose[:3, 3]))
+
+    def _capsule(self, start: Sequence[float], end: Sequence[float], radius: float) -> tuple[Any, Array]:
+        """A capsule, and its pose in its frame; the library's lies along z."""
+        along = np.subtract(end, start)
+        length = float(np.linalg.norm(along))
+        z = along / length if length > 0 else np.array([0.0, 0.0, 1.0])
+        x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
+        x /= np.linalg.norm(x)
+        pose = rigid(np.stack([x, np.cross(z, x), z], axis=1), np.add(start, end) / 2)
+        return self._object(self._fcl.Capsule(radius, length), pose), pose
+
+    def _convex(self, points: Array) -> Any:
+        hull = ConvexHull(points)
+        corners = np.ascontiguousarray(points[hull.vertices])
+        number = {old: new for new, old in enumerate(hull.vertices)}
+        middle = corners.mean(axis=0)
+        faces = []
+        for face in hull.simplices:
+            a, b, c = points[face]
+            outwards = float(np.cross(b - a, c - a) @ (a - middle)) > 0
+            faces.append([3, *(number[i] for i in (face if outwards else face[::-1]))])
+        shape = self._fcl.Convex(corners, len(faces), np.array(faces, dtype=np.int32).ravel())
+        return self._object(shape, np.eye(4))
+
+    def _box(self, base_from_table: Array, lowered: float) -> Any:
+        pose = base_from_table @ rigid(translation=(0, 0, -TABLE_DEPTH / 2 - lowered))
+        return self._object(self._fcl.Box(TABLE_EDGE, TABLE_EDGE, TABLE_DEPTH), pose)
+
+    def _kept_out(self, base_from_world: Array, box: Box) -> Any:
+        pose = base_from_world @ rigid(translation=(box.low + box.high) / 2)
+        return self._object(self._fcl.Box(*(box.high - box.low).tolist()), pose)
+
+    def _mesh(self, base_from_world: Array, surface: Surface | None) -> Any:
+        if surface is None or not len(surface.faces):
+            return None
+        mesh = self._fcl.BVHModel()
+        mesh.beginModel(len(surface.vertices), len(surface.faces))
+        mesh.addSubModel(np.asarray(surface.vertices, dtype=np.float64), np.asarray(surface.faces))
+        mesh.endModel()
+        return self._object(mesh, base_from_world)

@@ -1,0 +1,180 @@
+"""Ways of an arm: to a pose, along a line, and everything that one grasp needs, checked before it begins."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from neugrasp.geometry.pose import Array, inverse, rigid, rotation_about
+from neugrasp.geometry.surface import Surface
+from neugrasp.grasp import Grasp
+from neugrasp.robot.arm_model import JOINTS
+from neugrasp.robot.collision import CollisionChecker, Surroundings, Tool
+from neugrasp.robot.errors import InCollision, NoPlan, PlanningFailed, Unreachable
+from neugrasp.robot.free_way import free_way
+from neugrasp.robot.inverse import in_range, joints_of
+from neugrasp.robot.limits import Fence
+from neugrasp.robot.trajectory import Pace, Trajectory, timed
+
+LINE_STEP = 0.005
+"""Metres between two positions on a line."""
+LINE_TURN = 0.05
+"""Radians of rotation between two positions on a line."""
+JUMP = 0.35
+"""Radians by which no joint may turn from one position on a line to the next: the arm would swing around."""
+TRIES = 4
+"""Ends that a way is sought to, the nearest first."""
+HALF_TURN = rigid(rotation_about((0, 0, 1), np.pi))
+
+
+@dataclass(frozen=True)
+class PickPlan:
+    """All motions of one grasp."""
+
+    grasp: Grasp
+    """As it is carried out: perhaps turned by pi about its approach, which is the same grasp."""
+    way_in: Trajectory
+    """From where the arm is to the pre-grasp."""
+    approach: Trajectory
+    """Straight to the grasp."""
+    retreat: Trajectory
+    """Straight back."""
+    way_out: Trajectory
+    """To where the object is dropped."""
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """One way to stand at a grasp."""
+
+    grasp: Grasp
+    approach: Array
+    """(m, 6)"""
+    retreat: Array
+    """(k, 6)"""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Plans the ways of one arm in one cell. Poses are `world_from_tcp`, joints (6,) radians."""
+
+    fence: Fence
+    tool: Tool
+    approach_speed: float
+    """m/s, on the way to a grasp."""
+    timeout_s: float = 5.0
+    """Of one search for a way."""
+
+    def checker(self, surface: Surface | None = None, wide: Surface | None = None) -> CollisionChecker:
+        """What tells collisions, with what was seen on the table and how far from it is far enough."""
+        fence = self.fence
+        around = Surroundings(fence.world_from_table, fence.limits.keep_out, surface, wide)
+        return CollisionChecker(fence.model, self.tool, fence.world_from_base, around)
+
+    def tcp(self, joints: Array) -> Array:
+        """`world_from_tcp` (..., 4, 4) of joints (..., 6)."""
+        fence = self.fence
+        pose: Array = fence.world_from_base @ fence.model.flange(joints) @ fence.flange_from_tcp
+        return pose
+
+    def solutions(self, world_from_tcp: Array, near: Array) -> Array:
+        """Joints (n, 6) that bring the TCP to a pose, those nearest to `near` first."""
+        fence = self.fence
+        flange = inverse(fence.world_from_base) @ world_from_tcp @ inverse(fence.flange_from_tcp)
+        found = in_range(fence.model, joints_of(fence.model, flange, wrist_3=float(near[5])), near)
+        return found[np.argsort(np.abs(found - near).max(axis=1), kind="stable")]
+
+    def way(
+        self, start: Array, goals: Array, checker: CollisionChecker, grasping: bool = False
+    ) -> Trajectory:
+        """The way to the first of the goals (n, 6) that one is found to. Raises a `NoPlan`."""
+        if not len(goals):
+            raise Unreachable("no position of the joints brings the hand there")
+
+        def is_free(joints: Array) -> bool:
+            return self.fence.allows(joints) and checker.is_free(joints, grasping)
+
+        free = [goal for goal in goals if is_free(goal)]
+        if not free:
+            raise InCollision("the arm would touch something there")
+        for goal in free[:TRIES]:
+            try:
+                legs = free_way(start, goal, self.fence.model, is_free, self.timeout_s)
+            except PlanningFailed:
+                continue
+            return self.timed(legs)
+        raise PlanningFailed("no way there was found")
+
+    def timed(self, legs: list[Array], speed: float | None = None) -> Trajectory:
+        """Legs (m, 6) as a motion, the TCP no faster than `speed`."""
+        pace: Pace = self.fence.limits.pace
+        if speed is not None:
+            pace = replace(pace, tcp_speed=min(speed, pace.tcp_speed))
+        return timed(legs, self.fence.model, self.fence.flange_from_tcp, pace)
+
+    def line(self, start: Array, world_from_tcp: Array) -> Array:
+        """Joints (m, 6) from `start` that lead the TCP along a line to a pose. Raises `Unreachable`."""
+        here = self.tcp(start)
+        shift = world_from_tcp[:3, 3] - here[:3, 3]
+        ends = Rotation.from_matrix(np.stack([here[:3, :3], world_from_tcp[:3, :3]]))
+        turn = float((ends[0].inv() * ends[1]).magnitude())
+        steps = max(float(np.linalg.norm(shift)) / LINE_STEP, turn / LINE_TURN)
+        count = max(2, int(np.ceil(steps)) + 1)
+        between = Slerp([0, 1], ends)
+        joints = [start]
+        for part in np.linspace(0, 1, count)[1:]:
+            pose = rigid(between(part).as_matrix(), here[:3, 3] + part * shift)
+            near = self.solutions(pose, joints[-1])
+            if not len(near) or np.abs(near[0] - joints[-1]).max() > JUMP:
+                raise Unreachable("the arm cannot follow the straight line")
+            joints.append(near[0])
+        return np.stack(joints)
+
+    def pick(self, start: Array, grasp: Grasp, drop: Array, checker: CollisionChecker) -> PickPlan:
+        """Everything that a grasp needs, from the joints `start` to the joints `drop`.
+
+        Raises a `NoPlan` with the reason, or a `Refused` where the fence does not let the hand there.
+        """
+        for pose in (grasp.pose, grasp.pregrasp, grasp.retreat):
+            self.fence.check_pose(pose)
+        problem: NoPlan = Unreachable("the arm does not reach the grasp in a straight line")
+        ways = 0
+        for candidate in self._followed(start, grasp):
+            if not self._is_free(candidate, checker):
+                if ways == 0:
+                    problem = InCollision("arm, hand or camera would touch something on the line to it")
+                continue
+            ways += 1
+            try:
+                way_in = self.way(start, candidate.approach[:1], checker)
+                way_out = self.way(candidate.retreat[-1], drop[None], checker, grasping=True)
+            except NoPlan as error:
+                problem = PlanningFailed(f"{error}, on the way to the grasp or out again")
+                if ways == TRIES:
+                    break
+                continue
+            approach = self.timed([candidate.approach], self.approach_speed)
+            retreat = self.timed([candidate.retreat], self.approach_speed)
+            return PickPlan(candidate.grasp, way_in, approach, retreat, way_out)
+        raise problem
+
+    def _followed(self, start: Array, grasp: Grasp) -> Iterator[_Candidate]:
+        """All ways to stand there from which the lines can be followed, the nearest pre-grasp first."""
+        turned = (grasp, replace(grasp, pose=grasp.pose @ HALF_TURN))
+        stands = [(g, joints) for g in turned for joints in self.solutions(g.pregrasp, start)]
+        for same, pregrasp in sorted(stands, key=lambda stand: float(np.abs(stand[1] - start).max())):
+            try:
+                approach = self.line(pregrasp, same.pose)
+                yield _Candidate(same, approach, self.line(approach[-1], same.retreat))
+            except Unreachable:
+                continue
+
+    def _is_free(self, candidate: _Candidate, checker: CollisionChecker) -> bool:
+        """The ends first: what is in the way is found early."""
+        ways = np.concatenate([candidate.approach[::-1], candidate.retreat[::-1]])
+        return checker.is_free(candidate.approach[0]) and all(
+            checker.is_free(joints, grasping=True) for joints in ways.reshape(-1, JOINTS)
+        )
