@@ -20,14 +20,9 @@ from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.evaluator_file import load_evaluator, save_evaluator
 from neugrasp.model.grasp_evaluator import GraspEvaluator
-from neugrasp.training.evaluator import (
-    EvaluatorConfig,
-    EvaluatorRun,
-    judgement,
-    reliability_table,
-    seen_of,
-    train_evaluator,
-)
+from neugrasp.training.evaluator import EvaluatorConfig, EvaluatorRun, train_evaluator
+from neugrasp.training.evaluator_scores import judgement, reliability_table
+from neugrasp.training.evaluator_trials import seen_of
 
 WORKSPACE = Workspace()
 TINY = EvaluatorConfig(steps=6, batch=16, widths=(4, 6, 8), hidden=8, checkpoint_every=2)
@@ -132,6 +127,10 @@ def test_the_reliability_curve_of_one_who_knows_nothing(data):
     seen = seen_of([read_lesson(file) for file in sorted(data.glob("*.npz"))], WORKSPACE)
 
     class Half(torch.nn.Module):
+        def __init__(self):
+            super().__init__()
+            self.anywhere = torch.nn.Parameter(torch.zeros(1))
+
         def symmetric(self, box, of_up):
             return torch.zeros(len(box))
 

@@ -58,6 +58,8 @@ class TrainEvaluator:
     """Where evaluator.safetensors, checkpoints and logs are written."""
     init: str | None = None
     """An evaluator to start from, by name or file."""
+    device: str = "cpu"
+    """Where to compute: cpu, cuda, cuda:1."""
     steps: int = 5_000
     """Of 256 grasps each."""
     seed: int = 0

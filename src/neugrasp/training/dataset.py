@@ -6,11 +6,10 @@ import hashlib
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
-from torch.utils.data import DataLoader, Dataset
+from torch.utils.data import Dataset
 
 from neugrasp.change import change_labels
 from neugrasp.data.grasp_scene import GraspScene
@@ -166,16 +165,3 @@ class Steps(Dataset[Batch]):
         symmetry = Symmetry.random(np.random.default_rng([self.config.seed, 3, place]))
         known = self.scenes.known
         return self.scenes.truth(known[self._index(place, len(known))], symmetry)
-
-
-def loader(steps: Steps, first: int, last: int, workers: int) -> DataLoader[Batch]:
-    """The batches of steps `first` to `last`, made ahead by `workers` processes; 0: when they are needed."""
-    options: dict[str, Any] = {"prefetch_factor": 2, "worker_init_fn": _one_thread} if workers else {}
-    own = torch.Generator()  # the loader draws a seed, which must not move the global generator
-    return DataLoader(
-        steps, batch_size=None, sampler=range(first, last), num_workers=workers, generator=own, **options
-    )
-
-
-def _one_thread(_worker: int) -> None:
-    torch.set_num_threads(1)
