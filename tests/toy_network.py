@@ -9,6 +9,7 @@ from torch import nn
 from neugrasp.detection.registry import PHOTOS, DetectorSpec
 from neugrasp.model.checkpoint import load_network
 from neugrasp.model.config import NetworkConfig
+from neugrasp.training.config import TrainConfig
 from neugrasp.training.networks import NetworkSpec
 from toy_detector import Downwards
 
@@ -32,6 +33,10 @@ def losses(network, batch, config, step, generator):
 
 NAME = "toy_network:NETWORK"
 NETWORK = NetworkSpec(Toy, losses, lambda network, *_: {"height": network.height.item()})
+
+
+def recipe():
+    return TrainConfig(network=NAME, model=ToyConfig())
 
 
 class ToyDetector(Downwards):

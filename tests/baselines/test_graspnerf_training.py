@@ -23,7 +23,13 @@ from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.run import evaluate
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.model.checkpoint import load_network, notes_of, save_checkpoint, ship_checkpoint
+from neugrasp.model.checkpoint import (
+    load_checkpoint,
+    load_network,
+    notes_of,
+    save_checkpoint,
+    ship_checkpoint,
+)
 from neugrasp.observation import DepthView, Frame, Observation, Views
 from neugrasp.training.command import Train
 from neugrasp.training.recipes import recipe
@@ -84,7 +90,7 @@ def test_losses_do_not_drift_however_often_it_is_stopped(name: str, data: Path, 
     assert losses_of(whole.out) == pytest.approx(json.loads(GOLDEN.read_text())[name], rel=1e-5)
 
 
-def test_it_goes_on_from_its_own_weights_only(data: Path, weights: Path, tmp_path: Path):
+def test_it_goes_on_from_its_own_weights_or_from_a_head(data: Path, weights: Path, tmp_path: Path):
     run = Train(recipe=f"{RECIPES}:tiny", data=(data,), out=tmp_path / "more", init=str(weights), loaders=0)
     tiny = recipe(run.recipe)
     still = replace(
@@ -92,11 +98,12 @@ def test_it_goes_on_from_its_own_weights_only(data: Path, weights: Path, tmp_pat
     )
     first, second = load_file(weights), load_file(train(run, config=still))
     assert all(torch.equal(first[key], second[key]) for key in first)
-    with pytest.raises(InputError, match="weights of the network 'neugrasp', not 'graspnerf'"):
+    with pytest.raises(InputError, match="configured differently from the recipe's, its head too"):
         train(replace(run, init="neugrasp", out=tmp_path / "other"), config=still)
-    wider = replace(still, model=replace(still.model, hidden_dim=32))  # type: ignore[type-var]
-    with pytest.raises(InputError, match="configured differently"):
-        train(replace(run, out=tmp_path / "wider"), config=wider)
+    alike = replace(still, model=replace(still.model, head_channels=(16, 32, 64)))  # type: ignore[type-var]
+    taken = load_file(train(replace(run, init="neugrasp", out=tmp_path / "head"), config=alike))
+    given = load_checkpoint("neugrasp").tensors
+    assert all(torch.equal(taken[key], given[key].float()) for key in given if key.startswith("head."))
 
 
 def test_weights_are_shipped_in_half_the_size(weights: Path, tmp_path: Path):

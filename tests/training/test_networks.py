@@ -17,9 +17,10 @@ from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.run import evaluate
 from neugrasp.model.checkpoint import load_checkpoint
 from neugrasp.training.command import Train
-from neugrasp.training.config import TrainConfig
+from neugrasp.training.config import LossWeights, TrainConfig
 from neugrasp.training.networks import network_spec
-from neugrasp.training.recipes import tiny
+from neugrasp.training.recipes import recipe, tiny
+from neugrasp.training.state import Identity
 from neugrasp.training.trainer import train
 from toy_network import NAME, ToyConfig
 
@@ -58,6 +59,26 @@ def test_a_toy_network_learns_goes_on_and_plays(data: Path, tmp_path: Path, phot
         out=tmp_path / "rounds", detector="toy_network:DETECTOR", weights=str(weights), rounds=1, seed=31
     )
     assert evaluate(game, photographer)["attempts"] >= 1
+
+
+def test_recipes_of_others():
+    assert recipe("toy_network:recipe").network == NAME
+    for name, words in (
+        ("nothing", "unknown recipe 'nothing'; choose one of small, .*, or name yours as module:NAME"),
+        ("toy_network:NAME", "gives a str, not a TrainConfig"),
+        ("toy_network:ABSENT", "cannot be imported"),
+    ):
+        with pytest.raises(InputError, match=words):
+            recipe(name)
+
+
+def test_a_state_of_before_an_option_was_there_has_its_usual_value():
+    """So that runs go on after an update; but not where the option now says something else."""
+    facts = Identity(TrainConfig(), "data").facts()
+    old = {name: fact for name, fact in facts.items() if name not in ("weights.depth", "network")}
+    assert Identity(TrainConfig(), "data").differences(old) == []
+    told = replace(TrainConfig(), network=NAME, weights=LossWeights(depth=1.0))
+    assert Identity(told, "data").differences(old) == ["network", "weights.depth"]
 
 
 @pytest.mark.parametrize(

@@ -123,6 +123,11 @@ def load_network(
     return network.eval()
 
 
+def network_of(path: Path) -> str:
+    """The name of the network that weights are of. Raises as `load_checkpoint`."""
+    return read_weights(path, FORMAT, "NeuGrasp weights")[0].get("network", NEUGRASP)
+
+
 def notes_of(path: Path, name: str) -> dict[str, Any]:
     """What was noted with the weights of a network of another name. Raises as `load_checkpoint`."""
     metadata, _ = _weights_of(path, name)

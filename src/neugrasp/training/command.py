@@ -26,8 +26,8 @@ class Train:
     validation: tuple[Path, ...] = ()
     """Folders to validate on; without any, every twentieth scene is kept aside."""
     init: str | None = None
-    """Weights to start from, by name or file; of NeuGrasp of other sizes than the recipe's, only the grasp
-    head is taken."""
+    """Weights to start from, by name or file; of another network than the recipe's, only the grasp head is
+    taken."""
     device: str = "cpu"
     """Where to compute: cpu, cuda, cuda:1."""
     precision: Literal["recipe", "float32", "bfloat16"] = "recipe"

@@ -13,9 +13,8 @@ import torch
 
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.long_runs import held, source_commit
-from neugrasp.model.checkpoint import find_weights, load_checkpoint, load_network, save_checkpoint
+from neugrasp.model.checkpoint import save_checkpoint
 from neugrasp.model.compute import Compute
-from neugrasp.model.network import NeuGrasp
 from neugrasp.terminal import next_step
 from neugrasp.training.command import Train
 from neugrasp.training.config import TrainConfig
@@ -23,9 +22,10 @@ from neugrasp.training.dataset import Steps, identity_of
 from neugrasp.training.distributed import joined_ranks
 from neugrasp.training.loop import Course, follow
 from neugrasp.training.module import TrainingModule, bfloat16_pays
-from neugrasp.training.networks import NetworkSpec, network_spec
+from neugrasp.training.networks import network_spec
 from neugrasp.training.recipes import configured
 from neugrasp.training.split import open_data
+from neugrasp.training.start import start_from
 from neugrasp.training.state import Identity, Learner, read_state
 
 log = logging.getLogger(__name__)
@@ -61,7 +61,7 @@ def _trained(run: Train, config: TrainConfig, stop_after: int | None) -> Path:
     scenes, held_out = open_data(run, config, spec)
     model: Any = spec.build(config.model, scenes.workspace)
     if run.init:
-        _start_from(model, run.init, config.network, spec)
+        start_from(model, run.init, config.network, spec)
     device = Compute.of(run.device).device
     if run.precision == "bfloat16" and not bfloat16_pays(device):
         log.warning("--precision bfloat16: slower than float32 on this processor, which is used instead")
@@ -113,33 +113,6 @@ def _check_out(run: Train) -> None:
             half_written.unlink()
     except OSError as error:
         raise NeuGraspError(f"{run.out}: cannot be made ({error.strerror})") from error
-
-
-def _start_from(model: Any, weights: str, network: str, spec: NetworkSpec) -> None:
-    if not isinstance(model, NeuGrasp):
-        found = load_network(find_weights(weights), network, type(model.config), spec.build)
-        if found.config != model.config:
-            raise InputError(f"{weights}: its network is configured differently from the recipe's")
-        model.load_state_dict(found.state_dict())
-        return
-    checkpoint = load_checkpoint(weights)
-    if checkpoint.workspace.cube != model.workspace.cube:
-        log.warning(
-            "%s: was trained for %s; the scenes are about %s",
-            weights,
-            checkpoint.workspace.describe(),
-            model.workspace.describe(),
-        )
-    tensors = {name: tensor.float() for name, tensor in checkpoint.tensors.items()}
-    if checkpoint.config == model.config:
-        model.load_state_dict(tensors)
-        return
-    if checkpoint.config.head_channels != model.config.head_channels:
-        raise InputError(f"{weights}: its network is configured differently from the recipe's, its head too")
-    log.warning("%s: another network than the recipe's, so only its grasp head is taken", weights)
-    prefix = "head."
-    head = {name.removeprefix(prefix): each for name, each in tensors.items() if name.startswith(prefix)}
-    model.head.load_state_dict(head)
 
 
 def _about(run: Train, config: TrainConfig, steps: int, scenes: int) -> dict[str, Any]:

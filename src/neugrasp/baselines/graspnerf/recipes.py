@@ -26,15 +26,24 @@ def _small_model() -> GraspNerfConfig:
 
 
 def graspnerf_tsdf() -> TrainConfig:
-    """With everything that knows geometry: depth and TSDF. Weights of the losses are the original's."""
+    """With everything that knows geometry: depth and TSDF. Weights of the losses are the original's; besides,
+    the head goes on learning from true grids, as our own does, since a short course has few scenes for it."""
     return TrainConfig(
         network=NETWORK,
         model=_small_model(),
         weights=LossWeights(
-            photometric=0.01, depth=1.0, tsdf=1.0, eikonal=0.1, grasp=0.01, carving=0, grid_carving=0
+            photometric=0.01,
+            depth=1.0,
+            tsdf=1.0,
+            eikonal=0.1,
+            grasp=0.01,
+            rehearsal=0.01,
+            carving=0,
+            grid_carving=0,
         ),
         steps=9_000,
         head_steps=5_000,
+        head_batch=4,
         optimiser=Optimiser(learning_rate=1e-3, head_learning_rate=1e-3, schedule="cosine", average=0.998),
         rays=128,
         columns=324,
@@ -46,7 +55,7 @@ def graspnerf_tsdf() -> TrainConfig:
 
 def graspnerf() -> TrainConfig:
     """Photos and grasps alone: nothing that knows geometry, not even a head that true grids have taught."""
-    weights = replace(graspnerf_tsdf().weights, depth=0.0, tsdf=0.0)
+    weights = replace(graspnerf_tsdf().weights, depth=0.0, tsdf=0.0, rehearsal=0.0)
     return replace(graspnerf_tsdf(), weights=weights, head_steps=0)
 
 
@@ -54,6 +63,7 @@ def paper() -> TrainConfig:
     """The original's shapes, losses and schedule, with supervision."""
     return replace(
         graspnerf_tsdf(),
+        weights=replace(graspnerf_tsdf().weights, rehearsal=0.0),
         model=GraspNerfConfig(),
         steps=500_000,
         head_steps=0,
