@@ -49,7 +49,8 @@ class SwinDrDetector:
         photos, depths = [], []
         for photo, depth in zip(with_photos(seen).frames, with_depth(seen).frames, strict=True):
             camera = photo.camera.moved(moved)
-            cut = crop_view(photo, camera, workspace.photo_box(camera), config.image_size)
+            alone = View(photo.camera, photo.image, photo.background, name=photo.name)
+            cut = crop_view(alone, camera, workspace.photo_box(camera), config.image_size)
             photos.append(cut)
             depths.append(torch.from_numpy(depth_through(cut.camera, camera, depth.depth)).float())
         device = self.compute.device
