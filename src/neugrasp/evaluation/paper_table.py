@@ -69,11 +69,17 @@ def run(config: Table, make_photographer: MakePhotographer | None = None) -> str
     with held(config.out, "table"):
         done: list[tuple[Row, dict[str, Any]]] = []
         for row in counted(rows, "rows"):
+            log.info("row %d of %d: %s, %s, strategy %s", len(done) + 1, len(rows), *_words(row))
             done.append((row, evaluate(row.evaluation, make_photographer)))
             _write(page, config, done, left_out)
     worst = rows[-1].evaluation.out
     then = next_step("failures", worst, *([] if config.objects is None else ["--objects", config.objects]))
     return f"{page.read_text(encoding='utf-8')}\n{page}\n{then}"
+
+
+def _words(row: Row) -> tuple[str, str, str]:
+    asked = row.evaluation
+    return row.system.title, asked.materials, asked.strategy
 
 
 def planned(config: Table) -> tuple[list[Row], dict[str, str]]:
