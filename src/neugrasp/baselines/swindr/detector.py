@@ -89,8 +89,8 @@ def _facts(options: DetectorOptions) -> dict[str, Any]:
     about = notes_of(path, NETWORK)
     told = weights_facts(path, 0.0)
     trained = {name: about[name] for name in ("recipe", "steps", "scenes") if name in about}
-    restorer = {"restorer": told["weights"], "restorer_sha256": told["weights_sha256"], "trained": trained}
-    return {**VGN.facts(options), **restorer}
+    restorer = {"restorer": told["weights"], "restorer_sha256": told["weights_sha256"]}
+    return {**VGN.facts(options), **restorer, "restorer_trained": trained}
 
 
 SPEC = DetectorSpec(frozenset({"image", "depth"}), _load, _facts)

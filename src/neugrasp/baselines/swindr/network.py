@@ -106,7 +106,7 @@ class SwinDR(nn.Module):
         self.depth = Decoder(fused, config.decoder_width, 1)
         self.trust = Decoder(fused, config.decoder_width, 2)
         # It begins with the measurement, and learns where not to believe it.
-        self.trust.out.bias.data = torch.tensor([TRUST, -TRUST])
+        self.trust.out.bias = nn.Parameter(torch.tensor([TRUST, -TRUST]))
 
     def forward(self, images: Tensor, measured: Tensor) -> Restored:
         """RGB (b, 3, s, s) in [0, 1] and z-depth (b, s, s) in metres, 0 where not measured."""
