@@ -46,6 +46,7 @@ STEPS = {
     "compare": "compare rounds rounds2",
     "failures": "failures rounds",
     "story": "story rounds 0 --photos no",
+    "table": "table packed --detectors oracle --strategies top --rounds 1 --workers 1 --out table",
     "results": "results --folder results --out results.md",
     "figure": "figure trajectory --out figure.png",
     "bench": "bench --part inference --rounds 1 --threads 1 --json speed.json",

@@ -22,7 +22,7 @@ from neugrasp.demo.command import Demo
 from neugrasp.doctor.command import Doctor
 from neugrasp.doctor.findings import Verdict
 from neugrasp.errors import NeuGraspError
-from neugrasp.evaluation.commands import Compare, Evaluate, Failures, Results, Story, Validate
+from neugrasp.evaluation.commands import Compare, Evaluate, Failures, Results, Story, Table, Validate
 from neugrasp.exporters.command import Export
 from neugrasp.figures.command import Figure
 from neugrasp.importers.command import Import, PrintBoard
@@ -96,6 +96,7 @@ COMMANDS: dict[str, Command] = {
     "compare": Command(_positional(Compare), "evaluation.compare:run"),
     "failures": Command(_positional(Failures), "evaluation.failures:run"),
     "story": Command(_positional(Story), "evaluation.story:run"),
+    "table": Command(_positional(Table), "evaluation.paper_table:run"),
     "results": Command(Results, "evaluation.results:run"),
     "figure": Command(_positional(Figure), "figures.run:run"),
     "bench": Command(SpeedTest, "bench.run:run"),

@@ -20,6 +20,14 @@ class SpeedTest:
     """small: the shipped network and its recipe. paper: the paper's shapes at random weights."""
     part: Literal["all", "inference", "training"] = "all"
     """What is measured."""
+    detectors: bool = False
+    """Instead, seconds from photos or depth to grasps of every detector that is registered here."""
+    only: tuple[str, ...] = ()
+    """With --detectors: these, by name or as package.module:NAME."""
+    weights: tuple[str, ...] = ()
+    """With --detectors: those that should not be a detector's own, as NAME=FILE: vgn=vgn_conv.pth."""
+    restorer: str = "swindr"
+    """With --detectors: bundled weights that restore depth, or a file: what swindr-vgn asks before VGN."""
     views: int = 4
     """Photos of the scene, 1 to 8."""
     rounds: int = 5
@@ -42,6 +50,8 @@ class SpeedTest:
                 continue
             if isinstance(value, bool):
                 words.append(f"--{field.name}" if value else f"--no-{field.name}")
+            elif isinstance(value, tuple):
+                words += [f"--{field.name}", *map(str, value)]
             else:
                 words += [f"--{field.name}", str(value)]
         return shlex.join(words)

@@ -46,6 +46,11 @@ class DetectorSpec:
             raise ValueError(f"observes {set(self.observes)}: choose of {', '.join(CHANNELS)}")
 
 
+def registered() -> list[str]:
+    """The names of all detectors that packages declare here, sorted."""
+    return sorted({point.name for point in entry_points(group=GROUP)})
+
+
 def detector_spec(name: str) -> DetectorSpec:
     """The detector of that name. Raises `InputError` where there is none."""
     installed = {point.name: point for point in entry_points(group=GROUP)}

@@ -25,7 +25,7 @@ from neugrasp.gripper import Gripper
 from neugrasp.robot.cell_file import read_cell
 from neugrasp.robot.interface import Camera, Robot
 from neugrasp.robot.simulated import SimulatedRobot
-from neugrasp.robot.simulated_cameras import DepthCamera, PhotoCamera, RgbdCamera, TruthCamera
+from neugrasp.robot.simulated_cameras import DepthCamera, PhotoCamera, RgbdCamera, Truth, TruthCamera
 from neugrasp.robot.simulated_stereo import StereoCamera, StereoRgbdCamera
 from neugrasp.robot.tour import TouringCamera
 from neugrasp.robot.twin import TwinRobot
@@ -87,7 +87,7 @@ class Bench:
         self._cell = (
             None if config.cell is None else moved_to(read_cell(config.cell), workspace).at_speed(speed)
         )
-        self._detector = self._spec.load(config.options())
+        self.detector = self._spec.load(config.options())
         strategy = self.rules.strategy if config.strategy == "protocol" else config.strategy
         up: Array = self.world.workspace.world_from_workspace[:3, 2]
         self._game = Game(self.rules, strategy_of(strategy), self._rounds.choice_rng, up)
@@ -116,7 +116,7 @@ class Bench:
         robot, table = self._robot(fixed, truth)
         prepared = time.perf_counter()
         witness = SimulatedWitness(table, truth)
-        episode = declutter(self._game, index, robot, self._detector, witness, log)
+        episode = declutter(self._game, index, robot, self.detector, witness, log)
         seconds = {"arrange": arranged - start, "prepare": prepared - arranged, **episode.timing_s}
         return replace(episode, scene_sha256=fixed.scene_sha256, timing_s=seconds)
 
@@ -131,6 +131,12 @@ class Bench:
         eyes = self._camera(fixed, twin.table, truth)
         camera = TouringCamera(twin.arm, tour_of(cell, motion, views), eyes)
         return Robot(camera, twin.manipulator, twin.table), twin.table
+
+    def look(self, index: int) -> tuple[Any, Truth]:
+        """What the detector sees as round `index` begins, and the truth."""
+        fixed, truth = self._rounds.make(index, self.world), TruthCamera(self.world)
+        robot, _ = self._robot(fixed, truth)
+        return robot.camera.look(), truth.look()
 
     def _camera(self, fixed: Round, robot: SimulatedRobot, truth: TruthCamera) -> Camera[Any]:
         """The eyes of the detector; only measuring sticks get the truth."""

@@ -142,6 +142,45 @@ class Story:
 
 
 @dataclass(frozen=True)
+class Table:
+    """The paper's table: every system on the same rounds, played or gone on with, the paper's figures beside.
+
+    Both sets of materials, both strategies; differences to neugrasp are paired by round.
+    """
+
+    doing: ClassVar[str] = "playing every row; each goes on where it stopped"
+
+    scene: Literal["packed", "pile", "single"]
+    """How the objects lie."""
+    out: Path = Path("outputs/table")
+    """Where SCENE.md and SCENE.json are written, and a folder for each row."""
+    rounds: int | None = None
+    """Of each row; by default 200, or one for each object where it stands alone. RGBGrasp-GT, which takes a
+    minute for every grasp, plays 30 at most."""
+    detectors: tuple[str, ...] = ()
+    """By name or as package.module:NAME; by default those of the paper's table that have weights."""
+    weights: tuple[str, ...] = ()
+    """Of detectors that should take others than their own, as NAME=FILE: vgn=vgn_conv.pth, which swindr-vgn
+    and rgbgrasp-gt take, too."""
+    restorer: str = "swindr"
+    """A name of bundled weights that restore depth, or a file: what swindr-vgn asks before VGN."""
+    strategies: tuple[Literal["random", "top"], ...] = ("random", "top")
+    """Which of the detected grasps is carried out."""
+    picture: bool = False
+    """Instead of playing, write SCENE_surfaces.png: what each system sees in the first two rounds."""
+    samples: int = 1
+    """Of a pixel of the photos, a power of two; one plays twice as fast as four."""
+    objects: Path | None = None
+    """A folder of URDF objects, instead of the built-in ones."""
+    seed: int = 0
+    """The same seed gives the same rounds."""
+    workers: int | None = None
+    """Processes that share the rounds; by default one per core."""
+    device: str = "cpu"
+    """Where the detectors compute: cpu, cuda, cuda:1."""
+
+
+@dataclass(frozen=True)
 class Results:
     """The page of results from the metrics.json files of many evaluations."""
 

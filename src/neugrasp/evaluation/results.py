@@ -8,6 +8,7 @@ from typing import Any
 
 from neugrasp.evaluation.ablation import CONTROL, ablation_table, scenes_table
 from neugrasp.evaluation.commands import Results
+from neugrasp.evaluation.contestants import PAPER, contestant
 from neugrasp.evaluation.metrics_file import read_metrics
 from neugrasp.evaluation.tables import l1_cell, rate_cell
 from neugrasp.output import write_text
@@ -45,20 +46,8 @@ COLUMNS = (
     "L1 of -1 / 0 / +1",
     "paper: SR / FSR / DR / L1",
 )
-PAPER = {
-    ("neugrasp", "packed", "transparent-specular", "random"): "86.3 / 86.0 / 81.0 / 0.153",
-    ("neugrasp", "packed", "transparent-specular", "top"): "86.8 / 92.0 / 79.1 / 0.155",
-    ("neugrasp", "packed", "diffuse", "random"): "88.3 / 86.0 / 81.0 / 0.152",
-    ("neugrasp", "packed", "diffuse", "top"): "90.3 / 94.5 / 82.9 / 0.154",
-    ("neugrasp", "pile", "transparent-specular", "random"): "65.2 / 67.5 / 45.6 / 0.164",
-    ("neugrasp", "pile", "diffuse", "random"): "65.3 / 64.5 / 43.2 / 0.171",
-    ("vgn", "packed", "transparent-specular", "random"): "27.4 / 21.0 / 18.0 / 0.273",
-    ("vgn", "packed", "transparent-specular", "top"): "12.7 / 10.0 / 7.3 / 0.288",
-    ("vgn", "packed", "diffuse", "random"): "47.9 / 40.5 / 36.7 / 0.205",
-    ("vgn", "packed", "diffuse", "top"): "44.5 / 46.2 / 27.8 / 0.222",
-}
-"""Figures of the NeuGrasp paper's tables I and III by detector, scene, materials and strategy: its own rules,
-the released views, and for VGN the depth of a stereo sensor."""
+TOLD = ("oracle", "oracle-evaluator", "antipodal")
+"""Those that know the true surface."""
 
 
 def run(config: Results) -> str:
@@ -105,7 +94,7 @@ def _table(rows: dict[str, dict[str, Any]]) -> Iterator[str]:
             _detector(row),
             row["scene"] + (", training objects" if row.get("split") == "train" else ""),
             row["materials"] if _sees_materials(row) else "any",
-            row["views"] if row["detector"] in ("neugrasp", "vgn") else "18, all around",
+            row["views"] if row["detector"] not in TOLD else "18, all around",
             row["strategy"],
             *(rate_cell(row, name) for name in ("SR", "FSR", "DR")),
             f"{row['successes']} of {row['attempts']}",
@@ -128,7 +117,8 @@ def _detector(row: dict[str, Any]) -> str:
 
 
 def _sees_materials(row: dict[str, Any]) -> bool:
-    return row["detector"] == "neugrasp" or row["depth"] == "stereo"
+    is_told = row["detector"] in TOLD
+    return not is_told and (row["depth"] in (None, "stereo") or "samples" in row)
 
 
 def _constants(row: dict[str, Any]) -> str:
@@ -140,7 +130,8 @@ def _constants(row: dict[str, Any]) -> str:
 
 def _paper(row: dict[str, Any]) -> str:
     rules = (row["protocol"], row["views"], row.get("split", "test"))
-    is_alike = rules == ("paper", "released", "test") and row["depth"] in (None, "stereo")
+    sensors = (None, contestant(row["detector"]).depth)
+    is_alike = rules == ("paper", "released", "test") and row["depth"] in sensors
     knows_no_geometry = row.get("trained", {}).get("recipe") != CONTROL
     key = (row["detector"], row["scene"], row["materials"], row["strategy"])
     return PAPER.get(key, "") if is_alike and knows_no_geometry else ""

@@ -63,7 +63,7 @@ def evaluate(config: Evaluate, make_photographer: MakePhotographer | None = None
         missing = [index for index in range(wanted) if index not in kept]
         progress = _Progress(wanted, [e for e in found if e.index in kept])
         reached("rounds", len(kept), wanted)
-        with closing(play_all(config, missing, make_photographer or _photographer_for(config))) as played:
+        with closing(play_all(config, missing, make_photographer or photographer_for(config))) as played:
             for episode in played:
                 write_episode(round_file(config.out, episode.index), episode)
                 progress.add(episode)
@@ -95,7 +95,8 @@ def round_file(out: Path, index: int) -> Path:
     return out / "rounds" / f"{index:06d}.json"
 
 
-def _photographer_for(config: Evaluate) -> MakePhotographer:
+def photographer_for(config: Evaluate) -> MakePhotographer:
+    """What renders for the detector of an evaluation."""
     settings = RenderSettings(samples=config.samples)
     if config.depth != "stereo":
         return partial(Renderer, settings=settings)

@@ -34,7 +34,7 @@ def play_all(
     threads = max(1, num_cores // workers)
     if workers == 1:
         with _one_thread(), ExitStack() as closing:
-            bench = _open(config, make_photographer, threads, closing)
+            bench = open_bench(config, make_photographer, threads, closing)
             for index in indices:
                 yield bench.play(index)
         return
@@ -53,7 +53,9 @@ def play_all(
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _open(config: Evaluate, make_photographer: MakePhotographer, threads: int, closing: ExitStack) -> Bench:
+def open_bench(
+    config: Evaluate, make_photographer: MakePhotographer, threads: int, closing: ExitStack
+) -> Bench:
     """A bench that is closed with `closing`."""
     photographer = make_photographer(threads) if needs_photographer(config) else nullcontext()
     bench = Bench(config, closing.enter_context(photographer))
@@ -85,7 +87,7 @@ def _start(config: Evaluate, make_photographer: MakePhotographer, threads: int, 
 
     def bench() -> Bench:
         if not opened:
-            opened.append(_open(config, make_photographer, threads, closing))
+            opened.append(open_bench(config, make_photographer, threads, closing))
         return opened[0]
 
     _bench.append(bench)

@@ -111,7 +111,7 @@ def _pixels(camera: Camera, image: np.ndarray | None, depth: Depth | None, works
     sensed = torch.from_numpy((u > left) & (u < right) & (v > top) & (v < bottom))
     known = torch.from_numpy(np.where(np.isfinite(depth), depth, 0).reshape(-1)).float()
     known = torch.where((known > rays.near) & (known < rays.far), known, 0)
-    colours = torch.from_numpy(image.reshape(-1, 3)).float() / 255
+    colours = torch.from_numpy(image.reshape(-1, 3).copy()).float() / 255
     every = Pixels(rays, colours, known)
     return every.select(torch.nonzero(sensed & (rays.far > rays.near)).squeeze(1))
 

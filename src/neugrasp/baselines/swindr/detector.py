@@ -49,7 +49,8 @@ class SwinDrDetector:
         photos, depths = [], []
         for photo, depth in zip(with_photos(seen).frames, with_depth(seen).frames, strict=True):
             camera = photo.camera.moved(moved)
-            cut = crop_view(photo, camera, workspace.photo_box(camera), config.image_size)
+            alone = View(photo.camera, photo.image, photo.background, name=photo.name)
+            cut = crop_view(alone, camera, workspace.photo_box(camera), config.image_size)
             photos.append(cut)
             depths.append(torch.from_numpy(depth_through(cut.camera, camera, depth.depth)).float())
         device = self.compute.device
@@ -88,8 +89,8 @@ def _facts(options: DetectorOptions) -> dict[str, Any]:
     about = notes_of(path, NETWORK)
     told = weights_facts(path, 0.0)
     trained = {name: about[name] for name in ("recipe", "steps", "scenes") if name in about}
-    restorer = {"restorer": told["weights"], "restorer_sha256": told["weights_sha256"], "trained": trained}
-    return {**VGN.facts(options), **restorer}
+    restorer = {"restorer": told["weights"], "restorer_sha256": told["weights_sha256"]}
+    return {**VGN.facts(options), **restorer, "restorer_trained": trained}
 
 
 SPEC = DetectorSpec(frozenset({"image", "depth"}), _load, _facts)

@@ -15,6 +15,8 @@ from neugrasp.geometry.workspace import Workspace
 
 POOLS = (1, 2, 3, 6)
 """Cells along an edge that UPerNet's coarsest maps are averaged over."""
+TRUST = 1.5
+"""What the logits of the measured and of the initial depth begin with, of either sign."""
 
 
 @dataclass(frozen=True)
@@ -103,6 +105,8 @@ class SwinDR(nn.Module):
         fused = [3 * width for width in widths]
         self.depth = Decoder(fused, config.decoder_width, 1)
         self.trust = Decoder(fused, config.decoder_width, 2)
+        # It begins with the measurement, and learns where not to believe it.
+        self.trust.out.bias = nn.Parameter(torch.tensor([TRUST, -TRUST]))
 
     def forward(self, images: Tensor, measured: Tensor) -> Restored:
         """RGB (b, 3, s, s) in [0, 1] and z-depth (b, s, s) in metres, 0 where not measured."""
