@@ -72,7 +72,7 @@ def read_scene(path: str | Path) -> Views:
 
 
 def photo_files(path: str | Path) -> list[Path]:
-    """The photos that the scene in folder `path` (or whose `scene.json` is `path`) names, as far as it is one:
+    """The photos that the scene in folder `path` (or whose `scene.json` is `path`) names, if it is one:
     what must not be written over."""
     path = Path(path)
     folder = path.parent if path.name == FILE else path
