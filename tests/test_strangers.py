@@ -497,7 +497,7 @@ def test_a_grasp_that_is_none_is_named_and_never_exported(change: dict[str, Any]
     assert "found.json" in str(caught.value)
 
 
-@pytest.mark.parametrize("change", [{"units": "mm"}, {"scale": 0.001}, {"handedness": "left"}, {"s\u0441ale": 2}])
+@pytest.mark.parametrize("change", [{"units": "mm"}, {"scale": 0.001}, {"handed": "left"}, {"s\u0441ale": 2}])
 def test_a_list_of_grasps_says_nothing_that_is_left_out(change: dict[str, Any], file: Path):
     write_grasps(file, [GRASP], {"scene": "s", "note": "by hand"})
     read_grasps(file)
