@@ -252,6 +252,8 @@ COMMANDS = {
     "doctor": ["doctor", "SCENE", "--report", "OUT.html"],
     "export": ["export", "GRASPS", "--format", "ros", "--out", "OUT.json"],
     "export vgn": ["export", "GRASPS", "--format", "vgn", "--out", "OUT.csv"],
+    "board": ["board", "--out", "OUT.pdf"],
+    "board as a picture": ["board", "--out", "OUT.png"],
     "results": ["results", "--folder", "RESULTS", "--out", "OUT.md"],
 }
 
@@ -308,6 +310,8 @@ def test_nothing_is_written_over_what_was_read(
     bundled = Path(cli.__file__).parent / "grippers" / "panda.json"
     own.write_text(bundled.read_text())
     (tmp_path / "link.json").symlink_to(grasps)
+    board = tmp_path / "board.png"
+    board.write_text('{"kind": "charuco"}')
     before = tree(tmp_path)
     photo = scene / "images" / "0.png"
     for arguments in (
@@ -322,11 +326,28 @@ def test_nothing_is_written_over_what_was_read(
         ["figure", "features", "--scene", scene, "--out", photo],
         ["view", scene, "--screenshot", photo],
         ["view", scene, "--screenshot", scene / "scene.json"],
+        ["figure", "features", "--scene", scene / "scene.json", "--out", photo],
         ["results", "--folder", tmp_path, "--out", own],
+        ["board", "--board", board, "--out", board],
     ):
         assert cli.main(list(map(str, arguments))) == 2, arguments
         assert "Traceback" not in capsys.readouterr().err
         assert tree(tmp_path) == before, arguments
+
+
+@pytest.mark.parametrize("name", ["overlay.png", "surface.png", "slice.png"])
+def test_a_prediction_spares_photos_of_its_files_names(
+    name: str, tmp_path: Path, scene: Path, detector: FlatTable, capsys: pytest.CaptureFixture[str]
+):
+    (scene / "images" / "0.png").rename(scene / "images" / name)
+    text = (scene / "scene.json").read_text().replace("images/0.png", f"images/{name}")
+    (scene / "scene.json").write_text(text)
+    before = tree(tmp_path)
+    assert cli.main(["predict", str(scene), "--out", str(scene / "images")]) == 2
+    assert f"images/{name}: is read by this command" in capsys.readouterr().err
+    assert (tree(tmp_path), detector.asked) == (before, 0)
+    for _ in range(2):
+        assert cli.main(["predict", str(scene), "--out", str(scene / "out")]) == 0
 
 
 @pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (1e4, -2e3, 5.0), (500_000.0, 5_400_000.0, 300.0)])

@@ -481,6 +481,10 @@ def test_what_is_no_file_is_not_waited_for(tmp_path: Path):
         ({"score": 1.5}, "score is 1.5"),
         ({"score": -0.1}, "score is -0.1"),
         ({"score": None}, "score is None"),
+        ({"unit": "mm"}, r"grasps\[0\]: 'unit' is a unit of length"),
+        ({"quaternion_order": "wxyz"}, "'quaternion_order' is another convention"),
+        ({"tcp_offset": [0, 0, 0.1]}, "'tcp_offset' is a motion"),
+        ({"object_from_grasp": np.diag([-1, -1, 1, 1]).tolist()}, "'object_from_grasp' is a pose"),
     ],
 )
 def test_a_grasp_that_is_none_is_named_and_never_exported(change: dict[str, Any], message: str, file: Path):
@@ -491,3 +495,12 @@ def test_a_grasp_that_is_none_is_named_and_never_exported(change: dict[str, Any]
     with pytest.raises(InputError, match=message) as caught:
         read_grasps(file)
     assert "found.json" in str(caught.value)
+
+
+@pytest.mark.parametrize("change", [{"units": "mm"}, {"scale": 0.001}, {"handed": "left"}, {"s\u0441ale": 2}])
+def test_a_list_of_grasps_says_nothing_that_is_left_out(change: dict[str, Any], file: Path):
+    write_grasps(file, [GRASP], {"scene": "s", "note": "by hand"})
+    read_grasps(file)
+    file.write_text(json.dumps({**json.loads(file.read_text()), **change}))
+    with pytest.raises(InputError, match=f"found.json: {next(iter(change))!r} is"):
+        read_grasps(file)

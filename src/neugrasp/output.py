@@ -95,12 +95,6 @@ def sweep(folder: Path) -> None:
             leftover.unlink(missing_ok=True)
 
 
-def photos_in(scene: Path) -> Iterator[Path]:
-    """The files in the folders of a scene, given as its folder or as scene.json: its photos."""
-    folder = scene.parent if scene.is_file() else scene
-    return (file for file in folder.glob("*/*") if file.is_file())
-
-
 def write_text(path: Path, text: str) -> None:
     """Writes the file in UTF-8, whole or not at all. Raises as `whole_file` does."""
     with whole_file(path) as part:

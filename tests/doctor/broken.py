@@ -324,11 +324,20 @@ CASES = [
     Case("one image mirrored, its background not", each(flipped(False), (1,)), problems.MIRRORED, RED, (1,)),
     Case("two backgrounds swapped", backgrounds((1, 0, 2, 3)), problems.SWAPPED, RED, (0, 1), True),
     Case("images and backgrounds exchanged", each(exchanged), problems.EXCHANGED, RED, (), True),
-    Case("image and background of one view exchanged", each(exchanged, (1,)), problems.EXCHANGED, RED, (1,)),
-    Case("those of two views exchanged", each(exchanged, (0, 2)), problems.EXCHANGED, RED, (0, 2)),
-    Case("those of three views exchanged", each(exchanged, (0, 2, 3)), problems.EXCHANGED, RED, (0, 2, 3)),
+    Case(
+        "image and background of one view exchanged",
+        each(exchanged, (1,)),
+        problems.EXCHANGED,
+        RED,
+        (1,),
+        True,
+    ),
+    Case("those of two views exchanged", each(exchanged, (0, 2)), problems.EXCHANGED, RED, (0, 2), True),
+    Case(
+        "those of three views exchanged", each(exchanged, (0, 2, 3)), problems.EXCHANGED, RED, (0, 2, 3), True
+    ),
     Case("two images swapped", images((1, 0, 2, 3)), problems.SWAPPED, RED, (0, 1), True),
-    Case("all images one view further", images((1, 2, 3, 0)), problems.SWAPPED, RED, (), True),
+    Case("all images one view further", images((1, 2, 3, 0)), problems.SWAPPED, RED, (0, 1, 2, 3), True),
     Case("a lid on the camera for the empty table", each(lidded), problems.DARK, RED),
     Case(
         "one background shifted by (2.4, -1.2) pixels",

@@ -9,6 +9,7 @@ import json
 import logging
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
@@ -68,6 +69,23 @@ def read_scene(path: str | Path) -> Views:
     scene = Views(views, workspace, source=str(folder.resolve()))
     check_scene(scene, str(file))
     return scene
+
+
+def photo_files(path: str | Path) -> list[Path]:
+    """The photos that the scene in folder `path` (or whose `scene.json` is `path`) names, if it is one:
+    what must not be written over."""
+    path = Path(path)
+    folder = path.parent if path.name == FILE else path
+    try:
+        entries = read_json(folder / FILE).get("views")
+    except InputError:
+        return []
+    photos = []
+    for entry in _objects(entries):
+        for key in ("image", "background"):
+            with suppress(InputError):
+                photos.append(photo_of(folder, entry, key, FILE))
+    return photos
 
 
 def write_scene(path: str | Path, views: Views) -> None:

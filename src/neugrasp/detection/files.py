@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from neugrasp.data.fields import Fields
+from neugrasp.data.known_keys import refuse_bends
 from neugrasp.data.strict_json import read_json
 from neugrasp.geometry.pose import from_quaternion, to_quaternion
 from neugrasp.geometry.surface import Surface
@@ -22,6 +23,8 @@ FORMAT = "neugrasp-grasps"
 VERSION = 1
 FILES = ("grasps.json", "surface.ply", "tsdf.npz", "overlay.png", "report.html", "surface.png", "slice.png")
 """All that `predict` and `demo` write into a folder; what one of them does not write is an earlier run's."""
+KEYS = ("format", "version", "frame", "up", "grasps", "scene", "gripper")
+GRASP_KEYS = ("position", "quaternion_xyzw", "width", "score", "pregrasp_position", "retreat_position")
 FARTHEST = 1e9
 """Metres from the world's origin within which a grasp may lie."""
 WIDEST = 1.0
@@ -85,6 +88,7 @@ def read_grasp_list(file: Path) -> GraspList:
 def grasps_of(fields: Fields) -> tuple[Grasp, ...]:
     """The grasps of a `document`. Raises `InputError` naming the source and the field."""
     fields.expect(FORMAT, VERSION)
+    refuse_bends(fields.data, KEYS, fields.source)
     if "frame" in fields.data:
         fields.text("frame", ("world",))
     x, y, z = fields.unit("up", 3).tolist() if "up" in fields.data else (0.0, 0.0, 1.0)
@@ -97,6 +101,7 @@ def read_grasps(file: Path) -> list[Grasp]:
 
 
 def _grasp(fields: Fields) -> Grasp:
+    refuse_bends(fields.data, GRASP_KEYS, f"{fields.source}: {fields.prefix.rstrip('.')}")
     position = fields.numbers("position", 3, FARTHEST, "[x, y, z] in metres")
     pose = from_quaternion(fields.unit("quaternion_xyzw", 4), position)
     return Grasp(pose, width_of(fields), fields.number("score", 0, HIGHEST))

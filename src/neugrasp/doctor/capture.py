@@ -29,8 +29,8 @@ class Capture:
     """The view of `views` whose background file each view uses; its own unless that was mended."""
     images: tuple[int, ...]
     """The same of images."""
-    exchanged: bool = False
-    """Whether images and backgrounds have been exchanged to mend them."""
+    exchanged: tuple[int, ...] = ()
+    """Views whose image and background have been exchanged to mend them."""
 
     @classmethod
     def of(cls, views: Views) -> Capture:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import combinations, permutations
+from itertools import permutations
 
 import numpy as np
 from scipy.optimize import minimize
@@ -12,7 +12,6 @@ from scipy.optimize import minimize
 from neugrasp.doctor.capture import Capture
 from neugrasp.doctor.findings import Problem
 from neugrasp.doctor.problems import (
-    EXCHANGED,
     FOCAL_LENGTH,
     MIRRORED,
     OTHER_RESOLUTION,
@@ -107,7 +106,7 @@ class Trial:
 def explanations(trial: Trial, is_far_off: bool) -> list[Explanation]:
     """All that were tried; the less likely ones only where the tables are far off."""
     height = best_height(trial)
-    found = [height, *_lenses(trial), *_exchanges(trial)]
+    found = [height, *_lenses(trial)]
     if is_far_off:
         found += [*_tilt(trial, height), *_orders(trial), *_turns(trial)]
     return found
@@ -214,18 +213,6 @@ def _orders(trial: Trial) -> Iterator[Explanation]:
             text = "the poses exchanged (" + ", ".join(f"photo {i} with pose {order[i]}" for i in moved) + ")"
             changed = [replace(view, camera=cameras[i][order[i]]) for i, view in enumerate(views)]
             yield Explanation(VIEW_ORDER, text, agreement, trial.capture.with_views(changed), moved)
-
-
-def _exchanges(trial: Trial) -> Iterator[Explanation]:
-    """Image and background exchanged in some of the views: with objects on it, a table is flat no more."""
-    count, workspace = len(trial.shots), trial.capture.views.workspace
-    exchanged = [replace(shot, background=shot.image) for shot in trial.shots]
-    given, other = (table_pictures(shots, workspace, COARSE_STEP) for shots in (trial.shots, exchanged))
-    most = count - 1 if count <= MOST_VIEWS_PERMUTED else 1
-    for some in (part for size in range(1, most + 1) for part in combinations(range(count), size)):
-        pictures = [other[i] if i in some else given[i] for i in range(count)]
-        text = "image and background exchanged"
-        yield Explanation(EXCHANGED, text, mean_correlation(pictures, trial.pairs), None, some)
 
 
 def _turns(trial: Trial) -> Iterator[Explanation]:

@@ -66,6 +66,6 @@ def _corrected(diagnosis: Diagnosis, capture: Capture) -> dict[str, Any]:
         entry["intrinsics"] = view.camera.intrinsics.tolist()
         entry["image"] = written[capture.images[i]]["image"]
         entry["background"] = written[capture.backgrounds[i]]["background"]
-        if capture.exchanged:
+        if i in capture.exchanged:
             entry["image"], entry["background"] = entry["background"], entry["image"]
     return data

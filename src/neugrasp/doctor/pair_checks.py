@@ -4,17 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 from PIL import Image as Picture
 
 from neugrasp.doctor.capture import Capture
-from neugrasp.doctor.explanations import Trial, best_height
+from neugrasp.doctor.explanations import MOST_VIEWS_PERMUTED, Trial, best_height
 from neugrasp.doctor.findings import Finding, Level, Limits, green, named, not_measured
 from neugrasp.doctor.problems import BACKGROUND_DIFFERS, EXCHANGED, MIRRORED, SAME_PHOTO, SHIFTED, SWAPPED
 from neugrasp.doctor.registration import Shift, shift_between, texture
 from neugrasp.doctor.shot import Plane, Shot, grey, shots_of
-from neugrasp.doctor.table import coarse_pictures, comparable, mean_correlation, table_pictures
+from neugrasp.doctor.table import (
+    TablePicture,
+    coarse_pictures,
+    comparable,
+    mean_correlation,
+    table_pictures,
+)
 from neugrasp.observation import View
 
 SHIFT = Limits(0.3, 1.5)
@@ -34,6 +41,9 @@ QUANTUM = 0.5
 """Of 765: below it, differences are rounding."""
 MORE_AGREED = 0.05
 """Correlation by which images must agree better about the table than backgrounds to be taken for them."""
+FLAT, AGREED_MORE, REST = 0.8, 0.01, 0.5
+"""Where some of the views are exchanged: what they must agree by then, how much better, and which share
+of the disagreement may be left."""
 MORE_EDGES = 1.3
 ITEM = "background"
 
@@ -47,13 +57,20 @@ def check_pairs(capture: Capture) -> tuple[Capture, list[Finding]]:
     capture, findings = _placed(capture, shots, shifts)
     still = [i for i, s in enumerate(shifts) if s.agreement < MATCH or SHIFT.level(s.length) == Level.GREEN]
     shots = [shot for shot in shots_of(capture.views) if shot.index in still]
-    if not any(finding.level == Level.RED for finding in findings) and (text := _exchanged(shots, capture)):
-        findings.append(Finding(ITEM, Level.RED, text, EXCHANGED))
-        turned = [
-            replace(view, image=view.background, background=view.image) for view in capture.views.frames
-        ]
-        capture = replace(capture.with_views(turned), exchanged=not capture.exchanged)
+    if not any(finding.level == Level.RED for finding in findings):
+        some, text = _exchanged(shots, capture)
+        if some:
+            findings.append(Finding(ITEM, Level.RED, text, EXCHANGED, named(some, len(capture.views))))
+            capture = _turned(capture, some)
     return capture, findings
+
+
+def _turned(capture: Capture, some: tuple[int, ...]) -> Capture:
+    views = [
+        replace(view, image=view.background, background=view.image) if i in some else view
+        for i, view in enumerate(capture.views.frames)
+    ]
+    return replace(capture.with_views(views), exchanged=some)
 
 
 def check_pairs_quickly(capture: Capture) -> tuple[Capture, list[Finding]]:
@@ -77,26 +94,48 @@ def check_equal(capture: Capture) -> list[Finding]:
     return [Finding(ITEM, Level.RED, text, SAME_PHOTO, named(same, len(views)))] if same else []
 
 
-def _exchanged(shots: list[Shot], capture: Capture) -> str:
-    """What speaks for exchanged images and backgrounds; empty if nothing does.
+def _exchanged(shots: list[Shot], capture: Capture) -> tuple[tuple[int, ...], str]:
+    """The views whose image and background are exchanged, and what speaks for it; nothing if nothing does.
 
     The empty table is flat, so its photos agree when laid onto the table plane, and those with objects less;
     on a plain table, objects are what has edges.
     """
+    everyone = tuple(shot.index for shot in shots)
     sides = [shots, [replace(shot, background=shot.image) for shot in shots]]
     tables = [table_pictures(side, capture.views.workspace) for side in sides]
     if pairs := comparable(tables[0]):
         empty, full = (mean_correlation(pictures, pairs) for pictures in tables)
+        agreed, some = max((_mixed(tables, part, pairs), part) for part in _parts(len(shots)))
+        if agreed > max(FLAT, empty + AGREED_MORE, full + AGREED_MORE) and 1 - agreed < REST * (1 - empty):
+            text = f"the photos of the table agree by {agreed:.2f} with image and background exchanged, else "
+            return tuple(everyone[i] for i in some), f"{text}by {empty:.2f}"
         # Where the cube stands too high or too low, tops of objects may agree by chance: each at its best.
         if full > empty + MORE_AGREED:
             empty, full = (best_height(Trial(capture, side, pairs, None)).agreement for side in sides)
         if max(empty, full) > MATCH:
             text = f"the images agree about the table by {full:.2f}, the backgrounds by {empty:.2f}"
-            return text if full > empty + MORE_AGREED else ""
+            return (everyone, text) if full > empty + MORE_AGREED else ((), "")
     edges = [(_edges(shot.image, shot), _edges(shot.background, shot)) for shot in shots]
-    if edges and all(background > MORE_EDGES * image for image, background in edges):
-        return "every background has more edges in the cube than its image"
-    return ""
+    some = tuple(i for i, (image, background) in enumerate(edges) if background > MORE_EDGES * image)
+    if some and all(
+        i in some or image > MORE_EDGES * background for i, (image, background) in enumerate(edges)
+    ):
+        which = "every" if len(some) == len(shots) else "the"
+        return tuple(
+            everyone[i] for i in some
+        ), f"{which} background has more edges in the cube than its image"
+    return (), ""
+
+
+def _parts(count: int) -> list[tuple[int, ...]]:
+    """Some of so many views, but not all: every choice of a few, or each alone."""
+    sizes = range(1, count if count <= MOST_VIEWS_PERMUTED else min(count, 2))
+    return [part for size in sizes for part in combinations(range(count), size)] or [()]
+
+
+def _mixed(tables: list[list[TablePicture]], part: tuple[int, ...], pairs: list[tuple[int, int]]) -> float:
+    """How well the tables agree with images in place of backgrounds for a part of the views."""
+    return mean_correlation([tables[i in part][i] for i in range(len(tables[0]))], pairs)
 
 
 def _edges(picture: Plane, shot: Shot) -> float:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from neugrasp.data.scene_folder import photo_files
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
 from neugrasp.figures.command import DEFAULT_SCENE, Figure
@@ -15,7 +16,7 @@ from neugrasp.figures.priors import priors_figure
 from neugrasp.figures.subject import open_subject
 from neugrasp.figures.trajectory import trajectory_figure
 from neugrasp.observation import Image
-from neugrasp.output import photos_in, whole_file
+from neugrasp.output import whole_file
 from neugrasp.pictures import write_picture
 from neugrasp.terminal import next_step
 
@@ -27,7 +28,7 @@ def run(config: Figure) -> str:
     out = config.out or Path("outputs/figures") / f"{config.which}.png"
     if out.suffix.lower() != ".png":
         raise InputError(f"--out {out}: figures are PNG files; give a name that ends with .png")
-    with whole_file(out, inputs=photos_in(Path(config.scene))) as part:
+    with whole_file(out, inputs=photo_files(config.scene)) as part:
         write_picture(part, _drawn(config))
     others = {"features": "priors", "priors": "trajectory", "trajectory": "features"}
     scene = [] if config.scene == DEFAULT_SCENE else ["--scene", config.scene]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Literal
 
@@ -15,6 +16,7 @@ from neugrasp.importers.board_file import read_board
 from neugrasp.importers.command import PrintBoard
 from neugrasp.importers.markers import picture_of
 from neugrasp.observation import Image
+from neugrasp.output import whole_file
 from neugrasp.terminal import next_step
 
 Paper = Literal["a4", "letter", "a3"]
@@ -32,28 +34,26 @@ FOOT = 0.005
 RULER = 0.100
 
 
-def write_sheet(file: Path, board: Board, paper: Paper) -> None:
-    """The page as PDF or PNG by the file's suffix, 300 dots per inch. Raises `InputError`."""
+def write_sheet(file: Path, board: Board, paper: Paper, inputs: Iterable[Path] = ()) -> None:
+    """The page as PDF or PNG by the file's suffix, 300 dots per inch, whole or not at all.
+
+    Raises `InputError`, also where it would be written over one of the `inputs`.
+    """
     if file.suffix.lower() not in (".pdf", ".png"):
         raise InputError(f"{file}: the page is written as .pdf or .png")
     page = Picture.fromarray(sheet(board, paper))
-    file.parent.mkdir(parents=True, exist_ok=True)
     dots_per_inch = DOTS_PER_METRE * 0.0254
-    part = file.with_name(f".{file.stem}.part{file.suffix}")
-    try:
+    with whole_file(file, inputs) as part:
         if file.suffix.lower() == ".pdf":
             page.convert("L").save(part, resolution=dots_per_inch)
         else:
             page.save(part, dpi=(dots_per_inch, dots_per_inch))
-        part.replace(file)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def run(config: PrintBoard) -> str:
     """`neugrasp board`: the file's name and how to print it."""
-    write_sheet(config.out, read_board(config.board), config.paper)
     board = [] if config.board == "default" else ["--board", config.board]
+    write_sheet(config.out, read_board(config.board), config.paper, map(Path, board[1:]))
     return (
         f"{config.out}: print at 100 % (not: fit to page), then measure the line of 100 mm and take photos "
         f"of the table with it\n{next_step('import', 'board', 'PHOTOS', *board, '--out', 'my_scene')}"

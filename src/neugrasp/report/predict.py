@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 
 from neugrasp.client import Client, read_token
-from neugrasp.data.scene_folder import read_scene
+from neugrasp.data.scene_folder import photo_files, read_scene
 from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.detection.contract import Detection, Detector
 from neugrasp.detection.explanation import explain
@@ -17,6 +17,7 @@ from neugrasp.doctor.examination import Diagnosis, examine_read
 from neugrasp.doctor.findings import Level
 from neugrasp.errors import InputError
 from neugrasp.observation import Observation, Views
+from neugrasp.output import check_file
 from neugrasp.progress import reached
 from neugrasp.report.command import Predict
 from neugrasp.report.prediction import prediction_report
@@ -46,6 +47,8 @@ def predict(run: Predict) -> str:
     with whole_or_nothing(run.out, FILES) as part:
         reached("steps", 0, STEPS)
         views = read_scene(run.scene)
+        for name in FILES:
+            check_file(run.out / name, photo_files(run.scene))
         check_mask(run.steering, views)
         reached("steps", 1, STEPS)
         diagnosis = examine_read(views, run.examine)

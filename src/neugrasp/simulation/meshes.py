@@ -212,7 +212,9 @@ def _bytes_of(path: Path) -> bytes:
 
 def _not_empty(meshes: tuple[Mesh, ...], path: Path) -> tuple[Mesh, ...]:
     if not meshes:
-        raise InputError(f"{path}: the mesh is empty; a closed triangle mesh is needed")
+        raise InputError(
+            f"{path}: the mesh is empty, no face is found; a closed triangle mesh is needed, texts in UTF-8"
+        )
     return meshes
 
 

@@ -10,10 +10,11 @@ from dataclasses import replace
 import numpy as np
 from PIL import Image as Picture
 
+from neugrasp.data.scene_folder import photo_files
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array
 from neugrasp.observation import Image
-from neugrasp.output import photos_in, whole_file
+from neugrasp.output import whole_file
 from neugrasp.viewer.aim import object_on_line
 from neugrasp.viewer.browser import Browser
 from neugrasp.viewer.command import Viewer
@@ -100,8 +101,9 @@ def take_picture(viewer: Viewer, contents: Contents, settings: Settings) -> None
     if viewer.screenshot.suffix.lower() != ".png":
         raise InputError(f"--screenshot {viewer.screenshot}: is a PNG file; give a name that ends with .png")
     folders = [viewer.path, *([] if viewer.scene is None else [viewer.scene])]
+    photos = [photo for folder in folders for photo in photo_files(folder)]
     with (
-        whole_file(viewer.screenshot, [photo for f in folders for photo in photos_in(f)]) as part,
+        whole_file(viewer.screenshot, photos) as part,
         Show(contents, settings, viewer.host, viewer.port) as show,
         Browser(show.stage.url, viewer.browser, viewer.size if viewer.panel else SMALL) as browser,
     ):
