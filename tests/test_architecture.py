@@ -20,7 +20,7 @@ LAYERS = [
     {"errors", "progress"},
     {"output", "terminal"},
     {"geometry", "long_runs"},
-    {"observation", "grasp", "gripper"},
+    {"observation", "grasp", "gripper", "parallel"},
     {"execution"},
     {"metrics", "pictures", "change", "kernels"},
     {"model", "simulation", "data"},
@@ -99,6 +99,7 @@ def test_reading_needs_the_errors_only(module: str):
         ("cv2", "importers/markers.py"),
         ("sklearn", "figures/embedding.py"),
         ("uvicorn", "server/listening.py"),
+        ("ray", "parallel/cluster.py"),
         ("prometheus_client", "server/meters.py"),
         ("pydantic", "server/schemas.py"),
         ("httpx", "client/client.py"),
@@ -133,7 +134,7 @@ def test_files_can_be_read_in_one_sitting(file: Path):
 
 
 HEAVY = {"pybullet", "pybullet_data", "bpy", "trimesh", "matplotlib", "tensorboard", "tyro", "viser"}
-HEAVY |= {"cv2", "sklearn", "fastapi", "pydantic", "uvicorn", "httpx"}
+HEAVY |= {"cv2", "sklearn", "fastapi", "pydantic", "uvicorn", "httpx", "ray"}
 
 
 @pytest.mark.parametrize(
