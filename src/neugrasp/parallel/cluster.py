@@ -14,7 +14,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
-from neugrasp.errors import InputError, require
+from neugrasp.errors import InputError, NeuGraspError, require
 from neugrasp.parallel.crew import Opener, Worker, told
 
 log = logging.getLogger(__name__)
@@ -86,8 +86,14 @@ class _Actor:
         return future
 
     def has_died(self, error: BaseException) -> bool:
-        """Whether the actor, or the machine that it was on, is gone."""
-        return isinstance(error, self._ray.exceptions.RayActorError)
+        """Whether the actor, or the machine that it was on, is gone. Raises `NeuGraspError` where it never came
+        to be: another one would not, either."""
+        if not isinstance(error, self._ray.exceptions.RayActorError):
+            return False
+        if error.actor_init_failed:
+            reason = str(error).strip().splitlines()[-1]
+            raise NeuGraspError(f"no worker starts; is neugrasp installed on every machine? ({reason})")
+        return True
 
     def revive(self) -> bool:
         """Another actor, if a processor is free."""

@@ -60,9 +60,7 @@ class Processes:
             yield workers
         finally:
             for worker in workers:
-                worker.close(wait=False)
-            for worker in workers:
-                worker.close(wait=True)
+                worker.close()
 
 
 class _Process:
@@ -86,13 +84,13 @@ class _Process:
 
     def revive(self) -> bool:
         """Starts another process."""
-        self.close(wait=True)
+        self.close()
         self._pool = self._new()
         return True
 
-    def close(self, wait: bool) -> None:
-        """Ends the process."""
-        self._pool.shutdown(wait=wait, cancel_futures=True)
+    def close(self) -> None:
+        """Ends the process when it has done its task and put away what it opened."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
 
 
 _opened: list[Callable[[], Callable[[Any], Any]]] = []
