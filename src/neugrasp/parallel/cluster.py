@@ -86,8 +86,10 @@ class _Actor:
         return future
 
     def has_died(self, error: BaseException) -> bool:
-        """Whether the actor, or the machine that it was on, is gone. Raises `NeuGraspError` where it never came
-        to be: another one would not, either."""
+        """Whether the actor, or the machine that it was on, is gone.
+
+        Raises `NeuGraspError` where it never came to be: another one would not, either.
+        """
         if not isinstance(error, self._ray.exceptions.RayActorError):
             return False
         if error.actor_init_failed:

@@ -73,7 +73,7 @@ ANSWER: dict[int | str, dict[str, Any]] = {
     200: {"model": AnswerModel, "content": {"application/json": {"example": example_answer()}}},
     **REFUSED,
 }
-UNKNOWN = {404: _problem(404, "there is no cell of that name")}
+UNKNOWN: dict[int | str, dict[str, Any]] = {404: _problem(404, "there is no cell of that name")}
 
 router = APIRouter()
 
