@@ -99,6 +99,12 @@ def test_the_same_bytes_as_in_one_process(nodes: Any, tmp_path: Path, monkeypatc
     assert time.monotonic() - begun < 800
 
 
+@pytest.mark.parametrize("address", ["here", "localhost:", "127.0.0.1:99999"])
+def test_an_address_that_is_none_is_named(tmp_path: Path, address: str):
+    with pytest.raises(InputError, match=f"--cluster {address}: "):
+        list(spread(Cluster(address), partial(squares, tmp_path), [[1]]))
+
+
 def test_a_cluster_that_is_not_there_is_named(tmp_path: Path):
     with pytest.raises(InputError, match=r"--cluster 127\.0\.0\.1:9: no Ray cluster answers there"):
         list(spread(Cluster("127.0.0.1:9"), partial(squares, tmp_path), [[1]]))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import os
+import socket
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager, suppress
@@ -21,6 +22,8 @@ log = logging.getLogger(__name__)
 
 AUTO = "auto"
 """The cluster that runs on this machine, or one that is started for as long as the work lasts."""
+KNOCK_S = 5.0
+"""Seconds in which a cluster takes a connection."""
 CLOSE_S = 30.0
 """Seconds that an actor has to put away what it opened."""
 
@@ -58,6 +61,8 @@ class Cluster:
 
 
 def _connect(ray: Any, address: str) -> None:
+    if address != AUTO:
+        _check_there(address)
     # Ray tells its makers how it is used unless it is asked not to.
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     options = {"log_to_driver": False, "logging_level": logging.WARNING}
@@ -65,9 +70,20 @@ def _connect(ray: Any, address: str) -> None:
         ray.init(address=address, **options)
     except ConnectionError as error:
         if address != AUTO:
-            raise InputError(f"--cluster {address}: no Ray cluster answers there ({error})") from error
+            raise InputError(f"--cluster {address}: is no Ray cluster ({error})") from error
         log.info("no Ray cluster runs here: one is started for this work")
         ray.init(include_dashboard=False, **options)
+
+
+def _check_there(address: str) -> None:
+    """Raises `InputError` where nothing listens: Ray itself would try for minutes."""
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdecimal():
+        raise InputError(f"--cluster {address}: give auto, or the address that `ray start` says: HOST:6379")
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=KNOCK_S).close()
+    except (OSError, OverflowError) as error:
+        raise InputError(f"--cluster {address}: no Ray cluster answers there ({error})") from error
 
 
 class _Actor:
