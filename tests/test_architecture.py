@@ -20,7 +20,7 @@ LAYERS = [
     {"errors", "progress"},
     {"output", "terminal"},
     {"geometry", "long_runs"},
-    {"observation", "grasp", "gripper"},
+    {"observation", "grasp", "gripper", "parallel"},
     {"execution"},
     {"metrics", "pictures", "change", "kernels"},
     {"model", "simulation", "data"},
@@ -100,6 +100,7 @@ def test_reading_needs_the_errors_only(module: str):
         ("cv2", "importers/markers.py"),
         ("sklearn", "figures/embedding.py"),
         ("uvicorn", "server/listening.py"),
+        ("ray", "parallel/cluster.py"),
         ("prometheus_client", "server/meters.py"),
         ("pydantic", "server/schemas.py"),
         ("httpx", "client/client.py"),
@@ -137,7 +138,7 @@ def test_files_can_be_read_in_one_sitting(file: Path):
 
 
 HEAVY = {"pybullet", "pybullet_data", "bpy", "trimesh", "matplotlib", "tensorboard", "tyro", "viser"}
-HEAVY |= {"cv2", "sklearn", "fastapi", "pydantic", "uvicorn", "httpx", "fcl", "ompl", "airo_models"}
+HEAVY |= {"cv2", "sklearn", "fastapi", "pydantic", "uvicorn", "httpx", "fcl", "ompl", "airo_models", "ray"}
 
 
 @pytest.mark.parametrize(

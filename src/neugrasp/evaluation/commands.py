@@ -68,6 +68,8 @@ class Evaluate:
     """The same seed gives the same rounds and the same metrics, whatever the number of workers."""
     workers: int | None = None
     """Processes that share the rounds; by default one per core."""
+    cluster: str | None = None
+    """Share the work with a Ray cluster: auto, or its address HOST:6379 (docs/cluster.md)."""
     device: str = "cpu"
     """Where the detector computes: cpu, cuda, cuda:1."""
     precision: Literal["float32", "bfloat16"] = "float32"
@@ -88,7 +90,7 @@ class Evaluate:
         for field in fields(self):
             value = getattr(self, field.name)
             is_usual = field.default is MISSING or value == field.default
-            if is_usual or field.name in ("out", "workers", "device"):
+            if is_usual or field.name in ("out", "workers", "cluster", "device"):
                 continue
             if field.name == "objects":
                 value = "OBJECTS"

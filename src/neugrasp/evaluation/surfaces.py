@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -53,9 +52,8 @@ def _column(
     config: Evaluate, make_photographer: MakePhotographer | None, with_truth: bool
 ) -> list[list[Tile]]:
     """The tiles of a detector, scene by scene; those that all share come with the first."""
-    with ExitStack() as closing:
-        make = make_photographer or photographer_for(config)
-        bench = open_bench(replace(config, workers=1), make, 1, closing)
+    make = make_photographer or photographer_for(config)
+    with open_bench(replace(config, workers=1), make, 1) as bench:
         found = []
         for index in range(SCENES):
             seen, truth = bench.look(index)

@@ -1,1 +1,1 @@
-"""Grasps for ROS 2 through rosbridge: photos, cameras, transforms in, grasps, surface out (docs/ros.md)."""
+"""Grasps for ROS 2 through rosbridge: photos and transforms in, grasps and surface out (docs/ros.md)."""

@@ -54,6 +54,8 @@ class Generate:
     """The same seed gives the same scenes, whatever the number of workers."""
     workers: int | None = None
     """Processes that share the work; by default one per core."""
+    cluster: str | None = None
+    """Share the work with a Ray cluster: auto, or its address HOST:6379 (docs/cluster.md)."""
 
     @property
     def sets(self) -> tuple[str, ...]:

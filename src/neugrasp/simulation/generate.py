@@ -5,27 +5,24 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-import multiprocessing
 import os
 import shutil
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
-from multiprocessing.queues import Queue
-from multiprocessing.util import Finalize
 from pathlib import Path
 
-from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.errors import InputError
 from neugrasp.geometry.view_sets import VIEW_SETS
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper, gripper_hash
-from neugrasp.long_runs import CONTENTS, begun_as, end_with, held, lock, unlock
+from neugrasp.long_runs import CONTENTS, begun_as, held, lock, unlock
 from neugrasp.output import write_text
+from neugrasp.parallel.choice import crew_for
+from neugrasp.parallel.crew import spread
 from neugrasp.progress import reached
 from neugrasp.simulation.cell_photos import Photographer
 from neugrasp.simulation.command import Generate
@@ -181,27 +178,25 @@ class _Progress:
 def _make_all(
     config: Generate, missing: list[int], make_photographer: MakePhotographer, progress: _Progress
 ) -> None:
-    num_cores = len(os.sched_getaffinity(0))
-    workers = min(config.workers or num_cores, len(missing))
-    threads = max(1, num_cores // workers)
-    if workers == 1:
+    crew, threads = crew_for(config.workers, len(missing), config.cluster)
+    workers = config.workers or len(os.sched_getaffinity(0))
+    opener = partial(_studio, config, make_photographer, threads)
+    with closing(spread(crew, opener, _groups(config, missing, workers))) as made:
+        for seconds in made:
+            progress.add(seconds)
+
+
+@contextmanager
+def _studio(
+    config: Generate, make_photographer: MakePhotographer, threads: int
+) -> Iterator[Callable[[int], dict[str, float]]]:
+    """What makes the scene of a number; the seconds it took by stage."""
+    with (config.out / ".lock-workers").open("w", encoding="utf-8") as file:
+        lock(file, shared=True, waits=True)
         with make_photographer(threads) as photographer:
             studio = Studio(config, photographer)
             with studio.world:
-                for index in missing:
-                    progress.add(_make(studio, index))
-        return
-    context = multiprocessing.get_context("spawn")
-    finished: Queue[dict[str, float]] = context.Queue()
-    arguments = (config, make_photographer, threads, finished, os.getpid())
-    pool = ProcessPoolExecutor(workers, context, _start_worker, arguments)
-    try:
-        running = {pool.submit(_make_chunk, chunk) for chunk in _chunks(config, missing, workers)}
-        _watch(running, finished, progress)
-    except BrokenProcessPool as error:
-        raise NeuGraspError("a worker was killed (out of memory?); run the command again to go on") from error
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
+                yield partial(_make, studio)
 
 
 def _make(studio: Studio, index: int) -> dict[str, float]:
@@ -211,69 +206,10 @@ def _make(studio: Studio, index: int) -> dict[str, float]:
     return {stage: spent - before.get(stage, 0.0) for stage, spent in studio.seconds.items()}
 
 
-def _chunks(config: Generate, missing: list[int], workers: int) -> list[list[int]]:
+def _groups(config: Generate, missing: list[int], workers: int) -> list[list[int]]:
     """Scenes of one cell go to one worker, so that its backgrounds are rendered once, if enough are left."""
     cells: dict[int, list[int]] = defaultdict(list)
     for index in missing:
         cells[index // config.scenes_per_cell].append(index)
     size = max(1, min(config.scenes_per_cell, -(-len(missing) // workers)))
     return [indices[i : i + size] for indices in cells.values() for i in range(0, len(indices), size)]
-
-
-def _watch(
-    running: set[Future[None]], finished: Queue[dict[str, float]], progress: _Progress, every_s: float = 1.0
-) -> None:
-    """Reports until all is done; passes on the first error."""
-    while running:
-        done, running = wait(running, timeout=every_s)
-        while not finished.empty():
-            progress.add(finished.get())
-        for future in done:
-            future.result()
-    while progress.done < progress.total:
-        progress.add(finished.get(timeout=10))
-
-
-@dataclass
-class _Worker:
-    """What a worker process keeps between scenes."""
-
-    config: Generate
-    make_photographer: MakePhotographer
-    threads: int
-    finished: Queue[dict[str, float]]
-    closing: ExitStack = field(default_factory=ExitStack)
-    studio: Studio | None = None
-
-
-_worker: list[_Worker] = []
-
-
-def _start_worker(
-    config: Generate,
-    make_photographer: MakePhotographer,
-    threads: int,
-    finished: Queue[dict[str, float]],
-    parent: int,
-) -> None:
-    worker = _Worker(config, make_photographer, threads, finished)
-    file = worker.closing.enter_context((config.out / ".lock-workers").open("w", encoding="utf-8"))
-    lock(file, shared=True, waits=True)
-    end_with(parent)
-    Finalize(None, worker.closing.close, exitpriority=10)
-    _worker.append(worker)
-
-
-def _make_chunk(indices: list[int]) -> None:
-    worker = _worker[0]
-    try:
-        if worker.studio is None:
-            photographer = worker.closing.enter_context(worker.make_photographer(worker.threads))
-            worker.studio = Studio(worker.config, photographer)
-            worker.closing.enter_context(worker.studio.world)
-        for index in indices:
-            worker.finished.put(_make(worker.studio, index))
-    except NeuGraspError as error:
-        # Some of our errors do not survive the way to the parent; their text does.
-        kind = InputError if isinstance(error, InputError) else NeuGraspError
-        raise kind(str(error)) from None
