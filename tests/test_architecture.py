@@ -108,6 +108,8 @@ def test_reading_needs_the_errors_only(module: str):
         ("fcl", "robot/collision.py"),
         ("ompl", "robot/free_way.py"),
         ("airo_models", "simulation/arm_urdf.py"),
+        ("rtde_control", "robot/ur_controller.py"),
+        ("rtde_receive", "robot/ur_controller.py"),
     ],
 )
 def test_heavy_modules_have_one_home(module: str, home: str):
@@ -139,7 +141,7 @@ def test_files_can_be_read_in_one_sitting(file: Path):
 
 
 HEAVY = {"pybullet", "pybullet_data", "bpy", "trimesh", "matplotlib", "tensorboard", "tyro", "viser"}
-HEAVY |= {"cv2", "sklearn", "fcl", "ompl", "airo_models"}
+HEAVY |= {"cv2", "sklearn", "fcl", "ompl", "airo_models", "rtde_control"}
 
 
 @pytest.mark.parametrize(
