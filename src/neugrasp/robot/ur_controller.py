@@ -2,9 +2,9 @@
 
 The library holds the interpreter while it connects, and may crash while a connection is lost; whoever drives
 the arm (`robot.ur_arm`) must outlive both. A motion is streamed at 125 Hz as targets of the joints
-(`servoJ`), so that the arm does exactly what was planned and looked at. At every target the driver looks at
-the controller: a protective or emergency stop, old news or a lost connection end the motion, and the arm stands
-still by the controller's own doing.
+(`servoJ`), so that the arm does exactly what was planned and looked at. At every target the driver looks
+at the controller: a protective or emergency stop, old news or a lost connection end the motion, and the arm
+stands still by the controller's own doing.
 """
 
 from __future__ import annotations
