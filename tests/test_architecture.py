@@ -110,6 +110,7 @@ def test_reading_needs_the_errors_only(module: str):
         ("airo_models", "simulation/arm_urdf.py"),
         ("rtde_control", "robot/ur_controller.py"),
         ("rtde_receive", "robot/ur_controller.py"),
+        ("pyrealsense2", "robot/realsense.py"),
     ],
 )
 def test_heavy_modules_have_one_home(module: str, home: str):
