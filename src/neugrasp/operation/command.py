@@ -52,6 +52,18 @@ class Run:
 
 
 @dataclass(frozen=True)
+class Calibrate:
+    """Where the camera sits on the flange, from photos of a printed board and the poses of the flange."""
+
+    doing: ClassVar[str] = "looking for the board in the photos"
+
+    poses: Path
+    """robot.json: the lens, and a view with image and base_from_flange for every photo (docs/robot.md)."""
+    board: str = "default"
+    """default (`neugrasp board` prints it), or a board's JSON file (docs/data_format.md)."""
+
+
+@dataclass(frozen=True)
 class Cell:
     """Says what is wrong with a cell file before anything moves."""
 

@@ -1,0 +1,104 @@
+"""`neugrasp calibrate`: hand-eye calibration from photos of a board, with a verdict."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neugrasp.data.photo_files import read_image
+from neugrasp.data.strict_json import read_object
+from neugrasp.doctor.findings import Verdict
+from neugrasp.errors import InputError
+from neugrasp.geometry.pose import Array, to_quaternion
+from neugrasp.importers.board_file import read_board
+from neugrasp.importers.files import pose_of
+from neugrasp.importers.foreign_lens import lens_of
+from neugrasp.importers.markers import find_board
+from neugrasp.operation.command import Calibrate
+from neugrasp.progress import counted
+from neugrasp.robot.hand_eye import HandEye, Sightings, calibrated
+from neugrasp.terminal import next_step
+
+log = logging.getLogger(__name__)
+
+
+def run(config: Calibrate) -> Verdict:
+    """`neugrasp calibrate`: the pose for a cell file, how well it fits, and 1 where it is weak."""
+    seen, names = sightings_of(config)
+    found = calibrated(seen)
+    lines = [*_numbers(found, names), "", *_toml(found.flange_from_camera), ""]
+    if found.problems:
+        lines += ["weak:", *(f"  {problem}" for problem in found.problems)]
+        lines += [next_step("calibrate", config.poses, "--board", config.board, why="with better photos")]
+    else:
+        lines += ["good: put flange_from_camera into the cell file"]
+        lines += [next_step("cell", "check", "CELL.toml")]
+    return Verdict("\n".join(lines), 1 if found.problems else 0)
+
+
+def sightings_of(config: Calibrate) -> tuple[Sightings, list[str]]:
+    """The poses of the photos in which the board is found, and their names. Raises `InputError`."""
+    board = read_board(config.board)
+    data = read_object(config.poses, "a list of flange poses")
+    views = data.get("views")
+    if not isinstance(views, list) or not views:
+        raise InputError(f"{config.poses}: 'views' must be a list of photos with the poses of the flange")
+    lens = lens_of(data, str(config.poses))
+    flange, camera, names = [], [], []
+    for number, view in enumerate(counted(views, "photos")):
+        where = f"{config.poses}, view {number}"
+        name = _name(view, where)
+        pose = pose_of(view.get("base_from_flange"), f"{where}: base_from_flange")
+        photo = read_image(_file(config.poses.parent, name), where)
+        if photo.shape[:2] != (lens.height, lens.width):
+            height, width = photo.shape[:2]
+            raise InputError(
+                f"{where}: {width} x {height} pixels; the lens is of {lens.width} x {lens.height}"
+            )
+        try:
+            sighting = find_board(board, photo, lens)
+        except InputError as error:
+            log.warning("%s: left out: %s", name, error)
+            continue
+        if sighting is None:
+            log.warning("%s: left out: the board is not seen", name)
+            continue
+        flange.append(pose)
+        camera.append(sighting.camera_from_board)
+        names.append(name)
+    poses = (np.array(part, dtype=np.float64).reshape(-1, 4, 4) for part in (flange, camera))
+    return Sightings(*poses, board_size=board.print.size, focal=float(lens.intrinsics[0, 0])), names
+
+
+def _name(view: Any, where: str) -> str:
+    if not isinstance(view, dict) or not isinstance(view.get("image"), str) or not view["image"]:
+        raise InputError(f"{where}: must be an object with 'image' and 'base_from_flange'")
+    return str(view["image"])
+
+
+def _file(folder: Path, name: str) -> Path:
+    """Beside the poses, or in images/ there."""
+    beside = folder / name
+    return beside if beside.is_file() else folder / "images" / name
+
+
+def _numbers(found: HandEye, names: Sequence[str]) -> list[str]:
+    each = ", ".join(f"{name.capitalize()} {mm:.2f}" for name, mm in found.solvers_mm.items())
+    number, pixels = found.worst
+    return [
+        f"{len(names)} photos; the board's origin spreads by {found.spread_mm:.2f} mm (closed forms: {each})",
+        f"the board is {found.error_px:.2f} pixels off, at most {pixels:.2f} in {names[number]}",
+        f"one standard deviation: {found.doubt_mm:.2f} mm, {found.doubt_deg:.3f} degrees",
+    ]
+
+
+def _toml(pose: Array) -> list[str]:
+    """As a cell file has it."""
+    position, quaternion = (
+        ", ".join(f"{x:.6f}" for x in numbers) for numbers in (pose[:3, 3], to_quaternion(pose))
+    )
+    return [f"flange_from_camera = {{ position = [{position}], quaternion_xyzw = [{quaternion}] }}"]
