@@ -1,10 +1,8 @@
 """A network that is not of the package, and a detector that holds it: one learned number."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-from torch import nn
 
 from neugrasp.detection.registry import PHOTOS, DetectorSpec
 from neugrasp.model.checkpoint import load_network
@@ -14,21 +12,15 @@ from neugrasp.training.networks import NetworkSpec
 from toy_detector import Downwards
 
 
-@dataclass(frozen=True, kw_only=True)
-class ToyConfig(NetworkConfig):
-    gain: float = 1.0
-
-
-class Toy(nn.Module):
+class Toy(torch.nn.Module):
     def __init__(self, config, workspace):
         super().__init__()
         self.config, self.workspace = config, workspace
-        self.height = nn.Parameter(torch.tensor(0.1))
+        self.height = torch.nn.Parameter(torch.tensor(0.1))
 
 
 def losses(network, batch, config, step, generator):
-    means = [sample.truth.tsdf.mean() for sample in batch.samples]
-    return {"loss": (config.model.gain * network.height - torch.stack(means)).square().mean()}
+    return {"loss": (network.height - batch.samples[0].truth.tsdf.mean()).square()}
 
 
 NAME = "toy_network:NETWORK"
@@ -36,12 +28,12 @@ NETWORK = NetworkSpec(Toy, losses, lambda network, *_: {"height": network.height
 
 
 def recipe():
-    return TrainConfig(network=NAME, model=ToyConfig())
+    return TrainConfig(network=NAME, model=NetworkConfig())
 
 
 class ToyDetector(Downwards):
     def __init__(self, options):
-        load_network(Path(options.weights), NAME, ToyConfig, Toy)
+        load_network(Path(options.weights), NAME, NetworkConfig, Toy)
 
 
 DETECTOR = DetectorSpec(PHOTOS, ToyDetector)

@@ -16,13 +16,14 @@ from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.run import evaluate
 from neugrasp.model.checkpoint import load_checkpoint
+from neugrasp.model.config import NetworkConfig
 from neugrasp.training.command import Train
 from neugrasp.training.config import LossWeights, TrainConfig
 from neugrasp.training.networks import network_spec
 from neugrasp.training.recipes import recipe, tiny
 from neugrasp.training.state import Identity
 from neugrasp.training.trainer import train
-from toy_network import NAME, ToyConfig
+from toy_network import NAME
 
 
 @pytest.fixture
@@ -42,7 +43,13 @@ def photographer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> type:
 
 def toy(**changes: object) -> TrainConfig:
     return replace(
-        tiny(), network=NAME, model=ToyConfig(), head_steps=0, validate_every=1, checkpoint_every=1, **changes
+        tiny(),
+        network=NAME,
+        model=NetworkConfig(),
+        head_steps=0,
+        validate_every=1,
+        checkpoint_every=1,
+        **changes,
     )
 
 
@@ -88,3 +95,8 @@ def test_a_state_of_before_an_option_was_there_has_its_usual_value():
 def test_names_that_are_no_networks(name: str, words: str):
     with pytest.raises(InputError, match=words):
         network_spec(name)
+
+
+def test_a_detector_and_a_network_are_fewer_than_forty_lines_each():
+    for name in ("toy_detector.py", "toy_network.py"):
+        assert len((Path(__file__).parent.parent / name).read_text().splitlines()) < 40
