@@ -21,6 +21,7 @@ from neugrasp.baselines.graspnerf.visibility import RayEndDecoder, RayEnds, scal
 from neugrasp.data.grasp_scene import GraspScene
 from neugrasp.geometry.workspace import USUAL
 from neugrasp.training.dataset import Batch, Scenes
+from neugrasp.training.module import Losses
 from neugrasp.training.samples import Sample, drop_views
 from neugrasp.training.state import Learner
 
@@ -191,6 +192,24 @@ def test_nothing_that_knows_geometry_is_asked_without_tsdf(network: GraspNerf, s
     )
     assert first.keys() == {"loss", "grasp", "eikonal", "photometric"}
     assert torch.equal(first["loss"], second["loss"])
+
+
+def test_losses_in_bfloat16_are_nearly_the_same(network: GraspNerf, sample: Sample):
+    """Geometry, distributions and opacity stay float32."""
+    config = replace(tiny(), weights=replace(tiny().weights, rehearsal=0.0))
+
+    def losses() -> Losses:
+        return graspnerf_losses(network, Batch((sample,), ()), config, 2, torch.Generator().manual_seed(1))
+
+    exact = losses()
+    with torch.autocast("cpu", torch.bfloat16):
+        reduced = losses()
+    reduced["loss"].backward()
+    for name, value in exact.items():
+        assert reduced[name].item() == pytest.approx(value.item(), rel=0.02), name
+    gradients = [weight.grad for weight in network.parameters() if weight.grad is not None]
+    assert gradients
+    assert all(torch.isfinite(gradient).all() for gradient in gradients)
 
 
 def test_the_originals_widths_run():
