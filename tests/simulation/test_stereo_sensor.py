@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from neugrasp.data.packing import pack
 from neugrasp.data.records import read_record
-from neugrasp.data.shards import Shards, pack
+from neugrasp.data.shards import Shards
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.view_sets import FOCAL, view_set

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from neugrasp.geometry.pose import Array, apply, inverse
 
@@ -60,6 +60,14 @@ class Camera:
         """The centres (height, width, 2) of all pixels."""
         u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
         return np.stack([u, v], axis=-1).astype(np.float64)
+
+    def measured_pixels(self) -> NDArray[np.bool_]:
+        """Which pixels (height, width) lie inside `bounds`: of the photo, and not of what pads its crop."""
+        left, top, right, bottom = self.bounds
+        u, v = np.arange(self.width), np.arange(self.height)
+        across, down = (u > left) & (u < right), (v > top) & (v < bottom)
+        inside: NDArray[np.bool_] = down[:, None] & across
+        return inside
 
     def cropped_and_resized(self, box: Box, width: int, height: int) -> Camera:
         """The camera of the image cut out of `box` (edges, pixels) and resampled to `width` x `height`.

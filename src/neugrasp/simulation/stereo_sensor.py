@@ -61,12 +61,10 @@ def sensor_around(camera: Camera) -> Camera:
 def at_pixels_of(camera: Camera, view: DepthView) -> Depth:
     """The depth of a view from the same place at the nearest pixels (h, w) of `camera`; 0 beside it, and
     where the crop reaches past the photo."""
-    left, top, right, bottom = camera.bounds
-    u, v = np.moveaxis(camera.pixel_grid(), -1, 0)
     rays = camera.unproject(camera.pixel_grid(), np.ones((camera.height, camera.width)))
     column, row = np.moveaxis(np.rint(view.camera.project(rays)[0]).astype(np.int64), -1, 0)
-    inside = (u > left) & (u < right) & (v > top) & (v < bottom)
-    inside &= (column >= 0) & (column < view.camera.width) & (row >= 0) & (row < view.camera.height)
+    inside = (column >= 0) & (column < view.camera.width) & (row >= 0) & (row < view.camera.height)
+    inside &= camera.measured_pixels()
     found = view.depth[np.where(inside, row, 0), np.where(inside, column, 0)]
     depth: Depth = np.where(inside, found, 0).astype(np.float32)
     return depth

@@ -106,14 +106,17 @@ def _pixels(camera: Camera, image: np.ndarray | None, depth: Depth | None, works
     assert image is not None
     assert depth is not None
     rays = rays_of(camera, workspace)
-    left, top, right, bottom = camera.bounds
-    u, v = np.moveaxis(camera.pixel_grid().reshape(-1, 2), -1, 0)
-    sensed = torch.from_numpy((u > left) & (u < right) & (v > top) & (v < bottom))
     known = torch.from_numpy(np.where(np.isfinite(depth), depth, 0).reshape(-1)).float()
     known = torch.where((known > rays.near) & (known < rays.far), known, 0)
     colours = torch.from_numpy(image.reshape(-1, 3).copy()).float() / 255
     every = Pixels(rays, colours, known)
-    return every.select(torch.nonzero(sensed & (rays.far > rays.near)).squeeze(1))
+    return every.select(_through_box(camera, rays))
+
+
+def _through_box(camera: Camera, rays: RayBundle) -> Tensor:
+    """Indices of the rays of measured pixels that meet the box."""
+    measured = torch.from_numpy(camera.measured_pixels().reshape(-1))
+    return torch.nonzero(measured & (rays.far > rays.near)).squeeze(1)
 
 
 def fitted(
@@ -205,11 +208,12 @@ def depth_error(field: RadianceField, some: Pixels) -> float:
 
 @torch.no_grad()
 def rendered_depth(field: RadianceField, camera: Camera, workspace: Workspace) -> Depth:
-    """Expected z-depth (h, w) in metres, 0 where the field is not opaque; camera in the workspace frame."""
+    """Expected z-depth (h, w) in metres, 0 where the field is not opaque and beside the photo; camera in the
+    workspace frame."""
     device = field.origin.device
     rays = rays_of(camera, workspace)
     depth = torch.zeros(len(rays.near))
-    for index in torch.nonzero(rays.far > rays.near).squeeze(1).split(CHUNK):
+    for index in _through_box(camera, rays).split(CHUNK):
         some = RayBundle(*(getattr(rays, n)[index].to(device) for n in RayBundle.__dataclass_fields__))
         last = field(some)[1][-1]
         depth[index] = torch.where(last.opacity > 0.5, last.depth, 0).cpu()

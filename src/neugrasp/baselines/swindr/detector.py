@@ -61,11 +61,8 @@ class SwinDrDetector:
         return DepthViews(frames, workspace, seen.source)
 
     def _frame(self, photo: View, depth: Depth, seen: Observation) -> DepthView:
-        left, top, right, bottom = photo.camera.bounds
-        pixels, config = photo.camera.pixel_grid(), self.network.config
-        u, v = pixels[..., 0], pixels[..., 1]
-        inside = (u > left) & (u < right) & (v > top) & (v < bottom)
-        inside &= (depth > config.nearest) & (depth < config.farthest)
+        config = self.network.config
+        inside = photo.camera.measured_pixels() & (depth > config.nearest) & (depth < config.farthest)
         camera = photo.camera.moved(seen.workspace.world_from_workspace)
         return DepthView(camera, depth=(depth * inside).astype("f4"), name=photo.name)
 
