@@ -42,6 +42,7 @@ STEPS = {
     "validate": "validate --data photos --out held",
     "evaluate": "evaluate --detector oracle --scene packed --rounds 1 --workers 1 --out rounds",
     "cell": f"cell check {CELL}",
+    "capture": f"capture {CELL} --out captured",
     "calibrate": "calibrate board_photos/robot.json",
     "run": f"run {CELL} --detector oracle --out cleared",
     "compare": "compare rounds rounds2",

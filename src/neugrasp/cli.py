@@ -26,7 +26,7 @@ from neugrasp.evaluation.commands import Compare, Evaluate, Failures, Results, S
 from neugrasp.exporters.command import Export
 from neugrasp.figures.command import Figure
 from neugrasp.importers.command import Import, PrintBoard
-from neugrasp.operation.command import Calibrate, Cell, Run
+from neugrasp.operation.command import Calibrate, Capture, Cell, Run
 from neugrasp.report.command import DataSheet, Predict
 from neugrasp.ros.command import Ros
 from neugrasp.server.command import Serve
@@ -88,6 +88,7 @@ COMMANDS: dict[str, Command] = {
     "evaluate": Command(Evaluate, "evaluation.run:run"),
     "run": Command(_positional(Run), "operation.run:run"),
     "cell": Command(_positional(Cell), "operation.check:run"),
+    "capture": Command(_positional(Capture), "operation.capture:run"),
     "calibrate": Command(_positional(Calibrate), "operation.calibrate:run"),
     "board": Command(PrintBoard, "importers.sheet:run"),
     "export": Command(_positional(Export), "exporters.exporting:run"),

@@ -2,83 +2,21 @@
 
 from __future__ import annotations
 
-import socketserver
-import threading
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 
 import pytest
 
+from fake_hardware import Fingers, serving
 from neugrasp.robot import robotiq
 from neugrasp.robot.errors import ConnectionLost, GripperFault, MotionTimeout
 from neugrasp.robot.robotiq import Robotiq
 
 
-@dataclass
-class Fingers:
-    """What the gripper would do: it needs some questions to arrive, and stops at what is between."""
-
-    thing: int | None = None
-    """The position at which something is between the pads."""
-    values: dict[str, int] = field(default_factory=lambda: {"STA": 3, "ACT": 1, "POS": 3, "FLT": 0, "OBJ": 3})
-    echo_after: int = 3
-    """Questions until PRE is the new request."""
-    never_arrives: bool = False
-    hangs_up: bool = False
-    lies: bool = False
-    asked: list[str] = field(default_factory=list)
-
-    def answer(self, line: str) -> bytes:
-        self.asked.append(line)
-        words = line.split()
-        if self.lies:
-            return b"?\n"
-        if words[0] == "SET":
-            pairs = dict(zip(words[1::2], map(int, words[2::2]), strict=True))
-            self.values |= pairs
-            if "POS" in pairs:
-                self.request, self.values["POS"] = pairs["POS"], self.values.get("AT", 3)
-                self.waiting = self.echo_after
-            if pairs.get("ACT") == 1:
-                self.values["STA"] = 3
-            elif pairs.get("ACT") == 0:
-                self.values |= {"STA": 0, "FLT": 0}
-            return b"ack"
-        name = words[1]
-        if name == "PRE":
-            self.waiting -= 1
-            return f"PRE {self.request if self.waiting < 0 else 0}\n".encode()
-        if name == "OBJ" and not self.never_arrives and self.waiting < 0:
-            stopped = self.thing is not None and self.request > self.thing
-            self.values |= {"OBJ": 2 if stopped else 3}
-            self.values["POS"] = self.values["AT"] = self.thing if stopped else min(self.request, 228)  # type: ignore[assignment]
-        if name == "OBJ" and self.never_arrives:
-            return b"OBJ 0\n"
-        return f"{name} {self.values.get(name, 0)}\n".encode()
-
-    request: int = 3
-    waiting: int = -1
-
-
 @pytest.fixture
 def fingers() -> Iterator[tuple[Fingers, int]]:
     behind = Fingers()
-
-    class Handler(socketserver.StreamRequestHandler):
-        def handle(self) -> None:
-            for line in self.rfile:
-                if behind.hangs_up:
-                    return
-                self.wfile.write(behind.answer(line.decode().strip()))
-
-    class Server(socketserver.ThreadingTCPServer):
-        allow_reuse_address = True
-        daemon_threads = True
-
-    with Server(("127.0.0.1", 0), Handler) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield behind, server.server_address[1]
-        server.shutdown()
+    with serving(behind, "127.0.0.1", 0) as port:
+        yield behind, port
 
 
 def test_it_opens_and_closes_and_knows_how_far(fingers: tuple[Fingers, int]):

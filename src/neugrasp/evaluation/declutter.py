@@ -104,7 +104,8 @@ class _Play:
         with watch.stage("execute"):
             min_opening = game.rules.min_opening * robot.manipulator.max_opening
             result = pick(robot.manipulator, chosen.hand, grasp, min_opening, game.up)
-        lost = objects - robot.table.count() - result.success
+        # A table that is only seen is counted when it is looked at.
+        lost = max(0, objects - robot.table.count() - result.success)
         x, y, z = grasp.position.tolist()
         qx, qy, qz, qw = to_quaternion(grasp.pose).tolist()
         return Attempt(
@@ -156,6 +157,8 @@ def declutter(
         watch = Stopwatch()
         with watch.stage("look"):
             seen = robot.camera.look()
+        if robot.table.count() == 0:
+            break
         with watch.stage("detect"):
             detection = detector.detect(seen)
         with watch.stage("plan"):

@@ -70,8 +70,13 @@ def sightings_of(config: Calibrate) -> tuple[Sightings, list[str]]:
         flange.append(pose)
         camera.append(sighting.camera_from_board)
         names.append(name)
-    flanges, boards = (np.array(part, dtype=np.float64).reshape(-1, 4, 4) for part in (flange, camera))
-    return Sightings(flanges, boards, board.print.size, float(lens.intrinsics[0, 0])), names
+    seen = Sightings(
+        np.array(flange, dtype=np.float64).reshape(-1, 4, 4),
+        np.array(camera, dtype=np.float64).reshape(-1, 4, 4),
+        board.print.size,
+        float(lens.intrinsics[0, 0]),
+    )
+    return seen, names
 
 
 def _name(view: Any, where: str) -> str:

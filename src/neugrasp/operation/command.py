@@ -52,6 +52,24 @@ class Run:
 
 
 @dataclass(frozen=True)
+class Capture:
+    """Only takes the photos of a cell, as a scene folder: for `predict`, and for those who plan elsewhere."""
+
+    doing: ClassVar[str] = "reading the cell and planning the ways to its views"
+
+    cell: Path
+    """The cell file (docs/robot.md)."""
+    out: Path = Path("outputs/captured")
+    """The scene folder; it must be new."""
+    empty: bool = False
+    """Photograph the empty table, once; kept beside the cell file, in NAME_empty/."""
+    speed: float = 1.0
+    """Share of the cell's limits at which the arm moves, above 0 to 1."""
+    samples: int = 4
+    """Of a pixel of the photos, in simulation: a power of two."""
+
+
+@dataclass(frozen=True)
 class Calibrate:
     """Where the camera sits on the flange, from photos of a printed board and the poses of the flange."""
 

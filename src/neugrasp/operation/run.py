@@ -3,25 +3,33 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from neugrasp.detection.registry import detector_spec
 from neugrasp.errors import InputError
 from neugrasp.evaluation.bench import Bench, needs_photographer
 from neugrasp.evaluation.commands import Evaluate
-from neugrasp.evaluation.declutter import Log
+from neugrasp.evaluation.declutter import Game, Log, declutter
 from neugrasp.evaluation.episode import EMPTY, UNFINISHED, Attempt, Episode, read_episode, write_episode
-from neugrasp.evaluation.protocols import PROTOCOLS
+from neugrasp.evaluation.protocols import PROTOCOLS, strategy_of
 from neugrasp.evaluation.run import facts_of_rounds, round_file, with_cell
+from neugrasp.geometry.pose import Array
 from neugrasp.long_runs import begun_as, held
 from neugrasp.operation.check import findings_of
 from neugrasp.operation.command import Run
-from neugrasp.robot.cell_file import CellFile, read_cell
+from neugrasp.operation.hardware import empty_folder, opened
+from neugrasp.operation.seen_table import Nobody, SeenTable
+from neugrasp.robot.cell_file import CellFile, read_cell, text_hash
 from neugrasp.robot.errors import RobotError
+from neugrasp.robot.interface import Robot
+from neugrasp.robot.wrist_camera import Photographs, read_empty
 from neugrasp.simulation.cell_photos import Photographer
 from neugrasp.simulation.renderer import Renderer, RenderSettings
 from neugrasp.terminal import next_step
@@ -34,16 +42,17 @@ ROUND = 0
 
 def run(config: Run) -> str:
     """`neugrasp run`: what came of it, and what to do next."""
-    cell = _checked(config)
-    if not cell.is_twin:
-        raise InputError(f"{config.cell}: drivers of hardware are not part of this version; 'twin' is")
+    if config.max_failures < 1:
+        raise InputError(f"--max-failures {config.max_failures}; it must be at least 1")
+    cell = checked_cell(config.cell, config.speed)
     file = round_file(config.out, ROUND)
     with held(config.out, "run"):
-        asked = _evaluation(config, cell)
-        begun_as(config.out / "run.json", facts_of_rounds(asked), "run")
+        facts = facts_of_rounds(evaluation_of(config, cell)) if cell.is_twin else _facts(config)
+        begun_as(config.out / "run.json", facts, "run")
         begun = read_episode(file) if file.is_file() else None
         if begun is None or begun.ending == UNFINISHED:
-            episode = _clear(config, cell, asked, _Told(file, begun))
+            clear = _clear_twin if cell.is_twin else _clear_table
+            episode = clear(config, cell, _Told(file, begun))
             write_episode(file, episode)
         else:
             log.info("%s: this run has ended; another --out begins a new one", config.out)
@@ -51,20 +60,31 @@ def run(config: Run) -> str:
     return "\n".join([*_summary(episode), *_next(config)])
 
 
-def _checked(config: Run) -> CellFile:
-    """The cell. Raises `InputError` where an option cannot be used, or something is wrong with the cell."""
-    if not 0 < config.speed <= 1:
-        raise InputError(f"--speed {config.speed}; it must be above 0, and at most 1")
-    if config.max_failures < 1:
-        raise InputError(f"--max-failures {config.max_failures}; it must be at least 1")
-    cell = read_cell(config.cell)
+def checked_cell(file: Path, speed: float) -> CellFile:
+    """The cell at a share of its speed. Raises `InputError` where something is wrong with either."""
+    if not 0 < speed <= 1:
+        raise InputError(f"--speed {speed}; it must be above 0, and at most 1")
+    cell = read_cell(file)
     wrong = [str(finding).strip() for finding in findings_of(cell) if finding.problem]
     if wrong:
-        raise InputError(f"{config.cell}: {wrong[0]}; neugrasp cell check {config.cell} says everything")
-    return cell
+        raise InputError(f"{file}: {wrong[0]}; neugrasp cell check {file} says everything")
+    return cell.at_speed(speed)
 
 
-def _evaluation(config: Run, cell: CellFile) -> Evaluate:
+def _facts(config: Run) -> dict[str, Any]:
+    """What a run with hardware depends on."""
+    spec = detector_spec(config.detector)
+    if "image" not in spec.observes or "depth" in spec.observes:
+        raise InputError(f"--detector {config.detector}: a cell has photos, and nothing else")
+    return {
+        "cell_sha256": text_hash(config.cell),
+        "detector": config.detector,
+        "strategy": config.strategy,
+        **spec.facts(config.options()),
+    }
+
+
+def evaluation_of(config: Run, cell: CellFile) -> Evaluate:
     """The rounds of which a run in a twin is one."""
     assert cell.twin is not None
     asked = Evaluate(
@@ -100,25 +120,46 @@ class _Told:
         log.info("%s", _pick(episode.attempts[-1]))
 
 
-def _clear(config: Run, cell: CellFile, asked: Evaluate, told: _Told) -> Episode:
+def _clear_table(config: Run, cell: CellFile, told: _Told) -> Episode:
+    """A real table, to its end."""
+    detector = detector_spec(config.detector).load(replace(config.options(), gripper=cell.gripper.model))
+    up: Array = cell.workspace.world_from_workspace[:3, 2]
+    rules = replace(PROTOCOLS["paper"], max_failures=config.max_failures)
+    game = Game(rules, strategy_of(config.strategy), lambda i, j: np.random.default_rng([i, j]), up)
+    empty = read_empty(empty_folder(cell), cell.camera.camera)
+    with opened(cell) as hardware:
+        table = SeenTable(Photographs(hardware.camera, empty))
+        robot = Robot(table, hardware.manipulator, table)
+        with _saying_where(told.file):
+            return declutter(game, ROUND, robot, detector, Nobody(), Log(told.begun, told))
+
+
+@contextmanager
+def _saying_where(file: Path) -> Iterator[None]:
+    """A fault of the cell also says where the record is, and that it goes on."""
+    try:
+        yield
+    except RobotError as error:
+        raise type(error)(f"{error}; {file} holds what was done, the same command goes on") from error
+
+
+def _clear_twin(config: Run, cell: CellFile, told: _Told) -> Episode:
     """The table of a twin, to its end. Raises a `RobotError` where the arm was stopped; what was done until
     then is written."""
     assert cell.twin is not None
+    asked = evaluation_of(config, cell)
     rules = replace(PROTOCOLS["paper"], max_failures=config.max_failures, num_objects=cell.twin.objects)
-    with _photographer(asked) as photographer:
+    with photographer_for(asked) as photographer:
         bench = Bench(asked, photographer, rules, speed=config.speed)
         with bench.world:
             if told.begun is not None:
                 log.info("going on after %d picks", len(told.begun.attempts))
-            try:
+            with _saying_where(told.file):
                 return bench.play_on(ROUND, Log(told.begun, told))
-            except RobotError as error:
-                raise type(error)(
-                    f"{error}; {told.file} holds what was done, the same command goes on"
-                ) from error
 
 
-def _photographer(asked: Evaluate) -> AbstractContextManager[Photographer | None]:
+def photographer_for(asked: Evaluate) -> AbstractContextManager[Photographer | None]:
+    """Who renders, where something has to be rendered."""
     if not needs_photographer(asked):
         return nullcontext()
     make: Any = partial(Renderer, settings=RenderSettings(samples=asked.samples))

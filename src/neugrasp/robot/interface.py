@@ -15,6 +15,7 @@ from neugrasp.detection.contract import Detection
 from neugrasp.execution import Hand
 from neugrasp.geometry.pose import Array
 from neugrasp.grasp import Grasp
+from neugrasp.observation import Image
 from neugrasp.robot.trajectory import Trajectory
 
 Seen = TypeVar("Seen", covariant=True)
@@ -105,6 +106,20 @@ class Arm(Protocol):
 
     def stop(self) -> None:
         """Ends a motion at once, from whichever thread; returns when the arm was told."""
+        ...
+
+
+class Sensor(Protocol):
+    """A driver of a camera. As a context it lets the camera go."""
+
+    def __enter__(self) -> Sensor: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    def photo(self, timeout_s: float) -> Image:
+        """What is seen from now on, RGB. Raises `CameraFault` where nothing still can be seen in time."""
         ...
 
 

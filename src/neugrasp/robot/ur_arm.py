@@ -14,12 +14,12 @@ from neugrasp.robot import errors
 from neugrasp.robot.errors import ConnectionLost, RobotError
 from neugrasp.robot.interface import ArmState
 from neugrasp.robot.trajectory import Trajectory
-from neugrasp.robot.ur_controller import serve
+from neugrasp.robot.ur_controller import ALIVE, serve
 
 CONNECTING_S = 30.0
 """Seconds that a controller is given to take commands."""
-ANSWER_S = 3.0
-"""Seconds for an answer, beyond the time of a motion."""
+SILENCE_S = 2.0
+"""Seconds after which a process that says nothing is given up: the library waits for a lost connection."""
 CLOSING_S = 5.0
 
 
@@ -66,34 +66,37 @@ class UrArm:
 
     def state(self) -> ArmState:
         """Where the joints are. Raises the fault that the controller has."""
-        joints, speeds, stamp = self._ask(ANSWER_S, "state")
+        joints, speeds, stamp = self._ask("state")
         return ArmState(np.array(joints), np.array(speeds), stamp)
 
     def execute(self, motion: Trajectory, until_contact: bool, timeout_s: float) -> bool:
         """As `Arm.execute`."""
         sent = (motion.times.tolist(), motion.joints.tolist(), until_contact, timeout_s)
-        return bool(self._ask(timeout_s + ANSWER_S, "execute", *sent))
+        return bool(self._ask("execute", *sent))
 
     def stop(self) -> None:
         """Ends a motion at its next target, in eight milliseconds; nothing moves afterwards."""
         with contextlib.suppress(OSError):
             self._stops.send("stop")
 
-    def _ask(self, timeout_s: float, *words: Any) -> Any:
+    def _ask(self, *words: Any) -> Any:
         with self._lock:
             try:
                 self._asking.send(words)
             except OSError as error:
                 raise ConnectionLost(f"{self._address}: the driver of the arm has ended") from error
-            return self._answer(timeout_s)
+            return self._answer(SILENCE_S)
 
-    def _answer(self, timeout_s: float) -> Any:
-        """What the process says. Raises the `RobotError` that it names."""
+    def _answer(self, silence_s: float) -> Any:
+        """What the process says. Raises the `RobotError` that it names; an execution that lasts too long ends
+        there by itself."""
+        said, content = ALIVE, None
         try:
-            if not self._asking.poll(timeout_s):
-                self._process.kill()
-                raise ConnectionLost(f"{self._address}: the driver of the arm does not answer")
-            said, content = self._asking.recv()
+            while said == ALIVE:
+                if not self._asking.poll(silence_s):
+                    self._process.kill()
+                    raise ConnectionLost(f"{self._address}: the driver of the arm does not answer")
+                said, content = self._asking.recv()
         except (EOFError, OSError) as error:
             raise ConnectionLost(f"{self._address}: the driver of the arm has ended") from error
         if said == "done":

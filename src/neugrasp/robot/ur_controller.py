@@ -31,15 +31,19 @@ from neugrasp.robot.trajectory import PERIOD, Trajectory
 
 LOOKAHEAD_S, GAIN = 0.1, 300.0
 """Of `servoJ`: the controller's usual ones."""
+NEWS_S = 0.1
+"""Seconds within which the two connections of the library have the same news."""
 STALE_S = 0.2
 """Seconds after which the controller should have said something."""
+ALIVE, ALIVE_S = "alive", 0.25
+"""What is said while a motion lasts, and after how many seconds."""
 CONTACT_N = 15.0
 """Newton by which the force at the TCP changes when something is touched."""
 BRAKING = 2.0
 """rad/s^2 with which a motion is ended."""
-ARRIVED, STILL = 0.005, 0.01
-"""Radians from the end of a motion, and rad/s, at which it is over."""
-SETTLING_S = 2.0
+ARRIVED, STILL, RESTING = 0.002, 0.0002, 5
+"""A motion is over when the joints are so near to its end, radians, and move by less, in five looks."""
+SETTLING_S = 3.0
 """Seconds that the arm is given for it."""
 
 
@@ -82,23 +86,18 @@ class Controller:
         self, motion: Trajectory, until_contact: bool, timeout_s: float, is_stopped: Callable[[], bool]
     ) -> bool:
         """As `Arm.execute`; `is_stopped` is asked before every target."""
-        began, force, contact = time.monotonic(), self._force(), False
+        began, force = time.monotonic(), self._force()
+        deadline = began + timeout_s
         try:
             for target, moment in self._targets(motion):
                 self._wait_until(began + moment)
-                if is_stopped():
-                    raise Stopped("the arm was stopped on its way")
-                if time.monotonic() - began > timeout_s:
-                    raise MotionTimeout(f"the motion takes more than {timeout_s:.1f} s")
-                self._send(target)
+                self._send(target, deadline, is_stopped)
                 if until_contact and float(np.linalg.norm(self._force() - force)) > CONTACT_N:
-                    contact = True
-                    break
+                    return True
+            self._arrive(motion.joints[-1], deadline, is_stopped)
+            return False
         finally:
             self._control.servoStop(BRAKING)
-        if not contact:
-            self._arrive(motion.joints[-1])
-        return contact
 
     def _targets(self, motion: Trajectory) -> list[tuple[Array, float]]:
         moments = np.arange(1, int(np.ceil(motion.duration / PERIOD)) + 1) * PERIOD
@@ -107,20 +106,28 @@ class Controller:
     def _wait_until(self, moment: float) -> None:
         time.sleep(max(0.0, moment - time.monotonic()))
 
-    def _send(self, target: Array) -> None:
+    def _send(self, target: Array, deadline: float, is_stopped: Callable[[], bool]) -> None:
+        if is_stopped():
+            raise Stopped("the arm was stopped on its way")
+        if time.monotonic() > deadline:
+            raise MotionTimeout("the motion takes longer than it may")
         self._check()
         if not self._control.servoJ(target.tolist(), 0.0, 0.0, PERIOD, LOOKAHEAD_S, GAIN):
             self._check()
             raise RobotError(f"{self._address}: the controller refuses a target")
 
-    def _arrive(self, goal: Array) -> None:
-        deadline = time.monotonic() + SETTLING_S
-        while time.monotonic() < deadline:
-            state = self.state()
-            if np.abs(state.joints - goal).max() < ARRIVED and np.abs(state.speeds).max() < STILL:
-                return
-            time.sleep(PERIOD)
-        raise MotionTimeout("the arm does not come to rest where the motion ends")
+    def _arrive(self, goal: Array, deadline: float, is_stopped: Callable[[], bool]) -> None:
+        """Goes on sending the end until the arm, which follows a tenth of a second late, rests there."""
+        deadline = min(deadline, time.monotonic() + SETTLING_S)
+        rested = 0
+        before = self.state().joints
+        while rested < RESTING:
+            self._wait_until(time.monotonic() + PERIOD)
+            self._send(goal, deadline, is_stopped)
+            now = self.state().joints
+            is_there = np.abs(now - goal).max() < ARRIVED and np.abs(now - before).max() < STILL
+            rested = rested + 1 if is_there else 0
+            before = now
 
     def _force(self) -> Array:
         return np.array(self._receive.getActualTCPForce()[:3], dtype=np.float64)
@@ -136,6 +143,9 @@ class Controller:
             raise ConnectionLost(
                 f"{self._address}: the controller has said nothing for {now - self._seen:.1f} s"
             )
+        if not self._control.isProgramRunning():
+            # Its reason may come with the next news only.
+            time.sleep(NEWS_S)
         if self._receive.isEmergencyStopped():
             raise EmergencyStop(f"{self._address}: emergency stop; release it and look before going on")
         if self._receive.isProtectiveStopped():
@@ -153,7 +163,13 @@ def serve(address: str, asked: Connection, stops: Connection) -> None:
         return
     asked.send(("done", None))
 
+    told = [time.monotonic()]
+
     def is_stopped() -> bool:
+        """Asked at every target; says now and then that the process is alive."""
+        if time.monotonic() - told[0] > ALIVE_S:
+            told[0] = time.monotonic()
+            asked.send((ALIVE, None))
         return stops.poll()
 
     while True:

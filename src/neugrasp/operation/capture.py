@@ -1,0 +1,47 @@
+"""`neugrasp capture`: the photos of a cell as a scene folder, for those who plan elsewhere."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from neugrasp.data.scene_folder import write_scene
+from neugrasp.errors import InputError
+from neugrasp.evaluation.bench import Bench
+from neugrasp.observation import with_backgrounds
+from neugrasp.operation.command import Capture, Run
+from neugrasp.operation.hardware import empty_folder, opened
+from neugrasp.operation.run import checked_cell, evaluation_of, photographer_for
+from neugrasp.robot.wrist_camera import Photographs, read_empty, write_empty
+from neugrasp.terminal import next_step
+
+
+def run(config: Capture) -> str:
+    """`neugrasp capture`: where the photos are, and what to do next."""
+    cell = checked_cell(config.cell, config.speed)
+    if config.empty:
+        if cell.is_twin:
+            raise InputError(f"{config.cell}: --empty is for hardware; a twin knows its empty table")
+        folder = empty_folder(cell)
+        with opened(cell) as hardware:
+            write_empty(folder, hardware.camera.shots())
+        return f"{folder}\n{next_step('capture', config.cell, '--out', config.out)}"
+    if (config.out / "scene.json").exists():
+        raise InputError(f"{config.out}: holds a scene already; choose another --out")
+    if cell.is_twin:
+        asked = evaluation_of(Run(config.cell, config.out, samples=config.samples), cell)
+        with photographer_for(asked) as photographer:
+            bench = Bench(asked, photographer, speed=config.speed)
+            with bench.world:
+                seen = bench.look(0)
+    else:
+        empty = read_empty(empty_folder(cell), cell.camera.camera)
+        with opened(cell) as hardware:
+            seen = Photographs(hardware.camera, empty).look()
+    write_scene(Path(config.out), with_backgrounds(seen))
+    return "\n".join(
+        [
+            str(config.out),
+            next_step("doctor", config.out),
+            next_step("predict", config.out, "--out", "outputs/cell"),
+        ]
+    )

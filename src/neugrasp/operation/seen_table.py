@@ -1,0 +1,47 @@
+"""A real table: nobody counts what lies on it, but the photos show whether anything does."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from neugrasp.change import OBJECT, change_labels
+from neugrasp.detection.contract import Detection
+from neugrasp.evaluation.declutter import Judgement
+from neugrasp.observation import Views
+from neugrasp.robot.interface import Camera
+
+SMALLEST = 0.002
+"""Share of a photo that an object fills: a cube of 2 cm at half a metre."""
+
+
+class SeenTable:
+    """Camera and table in one: the count is 1 as long as the last photos show something, else 0."""
+
+    def __init__(self, camera: Camera[Views]):
+        self._camera = camera
+        self._shows_something = True
+
+    def look(self) -> Views:
+        """The photos; they are remembered for the count."""
+        seen = self._camera.look()
+        shares = [np.mean(change_labels(v.image, v.background) == OBJECT) for v in seen.frames]
+        self._shows_something = max(map(float, shares)) > SMALLEST
+        return seen
+
+    def count(self) -> int:
+        """1, or 0 where the last photos show the empty table."""
+        return int(self._shows_something)
+
+
+class Nobody:
+    """Stands beside a real table and knows nothing."""
+
+    def judge(self, detection: Detection) -> Judgement:
+        """Nothing."""
+        return Judgement({}, {})
+
+    def describe(self) -> dict[str, Any]:
+        """Nothing."""
+        return {}
