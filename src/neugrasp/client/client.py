@@ -41,7 +41,7 @@ class Client:
         """`timeout_s` is for one try. Raises `InputError` where the address is none, `MissingExtra` without
         httpx."""
         self._http = require("httpx", extra="client").Client(**_settings(url, token, timeout_s))
-        self._url, self._tries = url, tries
+        self._url, self._tries, self._findings = url, tries, _Findings()
 
     def __enter__(self) -> Client:
         return self
@@ -65,13 +65,13 @@ class Client:
         """Grasps of a whole scene: a folder, or photos in memory.
 
         Raises `InputError` with the server's words where it cannot be used, and `ServerError` where there is
-        no answer. What the doctor noticed is logged.
+        no answer. What the doctor noticed is logged, once.
         """
-        return _told(self.ask(scene, steering)).detection
+        return self._findings.told(self.ask(scene, steering)).detection
 
     def detect_at(self, cell: str, images: Photos, steering: Steering | None = None) -> Detection:
         """Grasps of photos at a cell that was given before, in the order of its views. Raises as `detect`."""
-        return _told(self.ask_at(cell, images, steering)).detection
+        return self._findings.told(self.ask_at(cell, images, steering)).detection
 
     def ask(self, scene: str | Path | Views, steering: Steering | None = None, force: bool = False) -> Answer:
         """As `detect`, with what else the server says; `force`: even where the doctor says red."""
@@ -103,7 +103,7 @@ class AsyncClient:
     def __init__(self, url: str, token: str | None = None, timeout_s: float = 60.0, tries: int = TRIES):
         """As of `Client`."""
         self._http = require("httpx", extra="client").AsyncClient(**_settings(url, token, timeout_s))
-        self._url, self._tries = url, tries
+        self._url, self._tries, self._findings = url, tries, _Findings()
 
     async def __aenter__(self) -> AsyncClient:
         return self
@@ -126,12 +126,12 @@ class AsyncClient:
     async def detect(self, scene: str | Path | Views, steering: Steering | None = None) -> Detection:
         """As of `Client`."""
         request = asking(scene, steering, force=False)
-        return _told(answer_of(await self._send(request), request)).detection
+        return self._findings.told(answer_of(await self._send(request), request)).detection
 
     async def detect_at(self, cell: str, images: Photos, steering: Steering | None = None) -> Detection:
         """As of `Client`."""
         request = asking_at(cell, images, steering, force=False)
-        return _told(answer_of(await self._send(request), request)).detection
+        return self._findings.told(answer_of(await self._send(request), request)).detection
 
     async def _send(self, request: Request) -> Fields:
         for tried in range(1, self._tries + 1):
@@ -170,8 +170,16 @@ def _wait(headers: Mapping[str, str], tried: int) -> float:
     return min(LONGEST_WAIT_S, float(said) if said.isdecimal() else 0.5 * 2**tried)
 
 
-def _told(answer: Answer) -> Answer:
-    """The answer, what the doctor noticed told."""
-    for line in answer.findings:
-        log.warning("%s", line)
-    return answer
+class _Findings:
+    """What the doctor noticed, each told once."""
+
+    def __init__(self) -> None:
+        self._known: set[str] = set()
+
+    def told(self, answer: Answer) -> Answer:
+        """The answer, what is new in it told."""
+        for line in answer.findings:
+            if line not in self._known:
+                self._known.add(line)
+                log.warning("%s", line)
+        return answer
