@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import torch
 import torch.nn.functional as F
-from numpy.typing import NDArray
+from jaxtyping import Bool, Float, Float32, Int8
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
@@ -73,16 +73,16 @@ class EvaluatorRun:
 
 @dataclass(frozen=True)
 class Seen:
-    """k trials as the network sees them."""
+    """Trials as the network sees them."""
 
-    box: Tensor
-    """(k, 7, 23, 16) int8."""
-    of_up: Tensor
-    """(k, 4)."""
-    success: Tensor
-    """(k,) float."""
-    free: NDArray[np.bool_]
-    """(k,)."""
+    box: Int8[Tensor, "k 7 23 16"]
+    """As `boxes` gives them."""
+    of_up: Float[Tensor, "k 4"]
+    """As `numbers` gives them."""
+    success: Float[Tensor, " k"]
+    """1 where it held, else 0."""
+    free: Bool[np.ndarray, " k"]
+    """Whether the hand got there without a collision."""
 
 
 def seen_of(lessons: list[Lesson], workspace: Workspace) -> Seen:
@@ -111,7 +111,10 @@ def seen_of(lessons: list[Lesson], workspace: Workspace) -> Seen:
 
 
 def run(options: TrainEvaluator) -> str:
-    """`neugrasp train-evaluator`: how good it is on what was kept aside, the file, and what to do next."""
+    """`neugrasp train-evaluator`: how good it is on what was kept aside, the file, and what to do next.
+
+    Raises `InputError` on fewer steps than one, and as `train_evaluator`.
+    """
     if options.steps < 1:
         raise InputError(f"--steps {options.steps}: must be at least 1")
     config = EvaluatorConfig(steps=options.steps, seed=options.seed)
@@ -231,8 +234,8 @@ def _loss(model: GraspEvaluator, taught: Seen, weights: Tensor, chosen: Tensor) 
 
 
 @torch.no_grad()
-def probabilities(model: GraspEvaluator, seen: Seen, at_once: int = 1024) -> NDArray[np.float32]:
-    """What the network says (k,) of trials; the mean over mirror images."""
+def probabilities(model: GraspEvaluator, seen: Seen, at_once: int = 1024) -> Float32[np.ndarray, " k"]:
+    """What the network says of trials; the mean over mirror images."""
     was_training = model.training
     model.eval()
     parts = [
@@ -240,7 +243,7 @@ def probabilities(model: GraspEvaluator, seen: Seen, at_once: int = 1024) -> NDA
         for box, of_up in zip(seen.box.split(at_once), seen.of_up.split(at_once), strict=True)
     ]
     model.train(was_training)
-    found: NDArray[np.float32] = torch.cat(parts).sigmoid().numpy()
+    found: np.ndarray = torch.cat(parts).sigmoid().numpy()
     return found
 
 
