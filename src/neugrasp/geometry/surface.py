@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from jaxtyping import Float, Int32
+from numpy.typing import ArrayLike
 from skimage.measure import marching_cubes
 
 from neugrasp.errors import InputError
-from neugrasp.geometry.pose import Array, apply
+from neugrasp.geometry.pose import apply
 from neugrasp.geometry.workspace import Workspace
 
 
@@ -17,10 +18,10 @@ from neugrasp.geometry.workspace import Workspace
 class Surface:
     """A triangle mesh. Seen from outside, the corners of a face run counter-clockwise."""
 
-    vertices: Array
-    """(n, 3), metres."""
-    faces: NDArray[np.int32]
-    """(m, 3) indices of vertices."""
+    vertices: Float[np.ndarray, "vertices 3"]
+    """Metres."""
+    faces: Int32[np.ndarray, "faces 3"]
+    """Indices of vertices."""
 
     def moved(self, new_from_old: ArrayLike) -> Surface:
         """The same surface in another frame."""
@@ -31,7 +32,8 @@ def surface_of(tsdf: ArrayLike, workspace: Workspace, offset: float = 0.0) -> Su
     """The surface in the workspace frame of a grid [x, y, z] in [-1, 1] (positive outside) by marching cubes;
     or what lies `offset` metres in front of it, less than a truncation.
 
-    Empty where the grid has no such place. The mesh is open at the faces of the cube.
+    Empty where the grid has no such place. The mesh is open at the faces of the cube. Raises `InputError`
+    where the grid contains NaN or infinity.
     """
     level = offset / workspace.truncation
     grid = np.asarray(tsdf, dtype=np.float32)

@@ -88,7 +88,7 @@ class JsonLines:
 
 
 class TensorBoard:
-    """Events in tensorboard/. Needs the extra `train`."""
+    """Events in tensorboard/. Raises `InputError` without the extra `train`."""
 
     def __init__(self, folder: Path, start: int):
         try:
@@ -108,7 +108,10 @@ class TensorBoard:
 
 
 class WandB:
-    """A run of Weights & Biases that bears the folder's name and goes on with it. Needs wandb."""
+    """A run of Weights & Biases that bears the folder's name and goes on with it.
+
+    Raises `InputError` where wandb is not installed.
+    """
 
     def __init__(self, folder: Path, about: Any):
         try:

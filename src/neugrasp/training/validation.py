@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from jaxtyping import Float, Float32
 from torch import Tensor, nn
 
 from neugrasp.geometry.workspace import Workspace
@@ -53,11 +53,11 @@ class SurfaceNetwork(Protocol):
         """Surface and grasps."""
         ...
 
-    def render(self, scene: Any, rays: Rays, sharpness: Tensor) -> tuple[Rendered, Rendered]:
+    def render(self, scene: Any, rays: Rays, sharpness: Float[Tensor, ""]) -> tuple[Rendered, Rendered]:
         """Coarse and fine renderings of rays."""
         ...
 
-    def sharpness(self, scheduled: float, /) -> Tensor:
+    def sharpness(self, scheduled: float, /) -> Float[Tensor, ""]:
         """That of NeuS, in 1 / metre."""
         ...
 
@@ -80,8 +80,8 @@ def reconstruct(model: SurfaceNetwork, sample: Sample) -> tuple[Reconstruction[A
 @torch.no_grad()
 def render_view(
     model: SurfaceNetwork, reconstruction: Reconstruction[Any], photos: Photos, view: int, sharpness: float
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """The rendered view and the photo (h, w, 3) at every fourth pixel; rays that miss show the background."""
+) -> tuple[Float32[np.ndarray, "height width 3"], Float32[np.ndarray, "height width 3"]]:
+    """The rendered view and the photo at every fourth pixel; rays that miss show the background."""
     size = photos.views.images.shape[-1]
     axis = torch.arange(RENDER_STRIDE // 2, size, RENDER_STRIDE)
     row, column = torch.meshgrid(axis, axis, indexing="ij")
