@@ -10,6 +10,14 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
+# Lets all tests share `ball_record` and others.
+sys.path.insert(0, str(Path(__file__).parent))
+
+import shape_checker
+
+# First of all: what is imported before it is not checked.
+shape_checker.install()
+
 from neugrasp.data.records import Record
 from neugrasp.data.scene_folder import write_scene
 from neugrasp.geometry.camera import Camera
@@ -20,8 +28,6 @@ from neugrasp.observation import View, Views
 # The same examples in every run; `--hypothesis-profile=default --hypothesis-seed=N` draws others.
 settings.register_profile("repeatable", derandomize=True)
 settings.load_profile("repeatable")
-# Lets all tests share `ball_record`.
-sys.path.insert(0, str(Path(__file__).parent))
 
 
 @pytest.fixture

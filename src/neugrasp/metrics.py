@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Bool, Float
 from skimage.metrics import structural_similarity
 
-Grid = NDArray[np.float32]
+Grid = Float[np.ndarray, "r r r"]
+Image = Float[np.ndarray, "height width 3"]
 
 L1_MASKS = (1.0, 0.5, 0.3, 0.1, 0.05)
 """Depths a of the masks -a < truth < 0.1 (method.md A6); 0.3 is the headline."""
@@ -40,17 +41,17 @@ def volume_ratio(predicted: Grid, truth: Grid, above: int) -> float:
     return inside / max(1, true_inside)
 
 
-def psnr(image: NDArray[np.floating], truth: NDArray[np.floating]) -> float:
+def psnr(image: Image, truth: Image) -> float:
     """Peak signal-to-noise ratio in dB of images in [0, 1]."""
     return float(-10 * np.log10(max(np.mean((image - truth) ** 2), 1e-10)))
 
 
-def ssim(image: NDArray[np.floating], truth: NDArray[np.floating]) -> float:
-    """Structural similarity of images (h, w, 3) in [0, 1]."""
+def ssim(image: Image, truth: Image) -> float:
+    """Structural similarity of images in [0, 1]."""
     return float(structural_similarity(image, truth, channel_axis=2, data_range=1.0))
 
 
-def area_under_roc(scores: NDArray[np.floating], success: NDArray[np.bool_]) -> float:
+def area_under_roc(scores: Float[np.ndarray, " n"], success: Bool[np.ndarray, " n"]) -> float:
     """Probability that a success scores higher than a failure, ties half; NaN without both."""
     positives, negatives = scores[success], scores[~success]
     if len(positives) == 0 or len(negatives) == 0:

@@ -6,13 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float, Float32
 from numpy.typing import NDArray
 
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import apply, inverse
 from neugrasp.geometry.workspace import Workspace
 
-Grid = NDArray[np.float32]
+Grid = Float32[np.ndarray, "r r r"]
+"""Values at the voxels [x, y, z] of a workspace of resolution r."""
 
 MAX_DEPTH = 2.0
 """Depths beyond this many metres are not measurements."""
@@ -22,7 +24,7 @@ _FAR = 0.98
 
 @dataclass(frozen=True)
 class Tsdf:
-    """A truncated signed distance grid, indexed [x, y, z]; voxel i has its centre at i + 0.5 voxel sizes."""
+    """A truncated signed distance grid; voxel i has its centre at i + 0.5 voxel sizes."""
 
     values: Grid
     """In [-1, 1], in units of the truncation: 0 surface, + outside, exactly -1 where nothing was seen."""
@@ -30,13 +32,15 @@ class Tsdf:
     """How many views saw the voxel, from in front of a surface or from just behind it."""
 
     @property
-    def observed(self) -> NDArray[np.bool_]:
+    def observed(self) -> Bool[np.ndarray, "r r r"]:
         """Voxels seen by at least one view."""
         return self.weight > 0
 
 
-def fuse(depths: Sequence[Grid], cameras: Sequence[Camera], workspace: Workspace) -> Tsdf:
-    """The running average over z-depth images (h, w) in metres; cameras are in the workspace frame.
+def fuse(
+    depths: Sequence[Float[np.ndarray, "height width"]], cameras: Sequence[Camera], workspace: Workspace
+) -> Tsdf:
+    """The running average over z-depth images in metres; cameras are in the workspace frame.
 
     Each view gives the distance along its ray from the voxel to the surface at the nearest pixel. Depths
     <= 0, beyond 2 m or not finite are no measurements.
@@ -61,7 +65,7 @@ def vgn_grid(tsdf: Tsdf) -> Grid:
 
 
 def _distances(
-    depth: Grid, camera: Camera, points: NDArray[np.float64]
+    depth: NDArray[np.floating], camera: Camera, points: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Indices of the points that the view measures, and their signed ray distances to the surface."""
     in_camera = apply(inverse(camera.world_from_camera), points)

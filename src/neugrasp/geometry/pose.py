@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float64
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 
 
-def rigid(rotation: ArrayLike | None = None, translation: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
-    """A 4x4 transform from a 3x3 rotation (identity by default) and a translation in metres."""
+def rigid(
+    rotation: ArrayLike | None = None, translation: ArrayLike = (0.0, 0.0, 0.0)
+) -> Float64[np.ndarray, "4 4"]:
+    """A transform from a 3x3 rotation (identity by default) and a translation in metres."""
     transform = np.eye(4)
     if rotation is not None:
         transform[:3, :3] = rotation
@@ -18,42 +21,46 @@ def rigid(rotation: ArrayLike | None = None, translation: ArrayLike = (0.0, 0.0,
     return transform
 
 
-def inverse(a_from_b: ArrayLike) -> Array:
+def inverse(a_from_b: ArrayLike) -> Float64[np.ndarray, "4 4"]:
     """`b_from_a` of a rigid transform."""
     matrix = np.asarray(a_from_b, dtype=np.float64)
     rotation = matrix[:3, :3].T
     return rigid(rotation, -rotation @ matrix[:3, 3])
 
 
-def apply(a_from_b: ArrayLike, points_b: ArrayLike) -> Array:
+def apply(a_from_b: ArrayLike, points_b: ArrayLike) -> Float64[np.ndarray, "*points 3"]:
     """Points (..., 3) of frame b in frame a."""
     matrix = np.asarray(a_from_b, dtype=np.float64)
     return np.asarray(points_b, dtype=np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
 
 
-def from_quaternion(quaternion_xyzw: ArrayLike, translation: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+def from_quaternion(
+    quaternion_xyzw: ArrayLike, translation: ArrayLike = (0.0, 0.0, 0.0)
+) -> Float64[np.ndarray, "4 4"]:
     """A transform from a quaternion (x, y, z, w) and a translation in metres."""
     return rigid(Rotation.from_quat(quaternion_xyzw).as_matrix(), translation)
 
 
-def to_quaternion(a_from_b: ArrayLike) -> Array:
+def to_quaternion(a_from_b: ArrayLike) -> Float64[np.ndarray, " 4"]:
     """The rotation of a transform as a unit quaternion (x, y, z, w) with w >= 0."""
     quaternion: Array = Rotation.from_matrix(np.asarray(a_from_b, dtype=np.float64)[:3, :3]).as_quat()
     return -quaternion if quaternion[3] < 0 else quaternion
 
 
-def from_rotation_vector(vector: ArrayLike, translation: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+def from_rotation_vector(
+    vector: ArrayLike, translation: ArrayLike = (0.0, 0.0, 0.0)
+) -> Float64[np.ndarray, "4 4"]:
     """A transform from a rotation vector (along the axis, as long as the angle in radians) and metres."""
     return rigid(Rotation.from_rotvec(vector).as_matrix(), translation)
 
 
-def to_rotation_vector(a_from_b: ArrayLike) -> Array:
+def to_rotation_vector(a_from_b: ArrayLike) -> Float64[np.ndarray, " 3"]:
     """The rotation of a transform as a vector along its axis, as long as its angle, 0 to pi radians."""
     vector: Array = Rotation.from_matrix(np.asarray(a_from_b, dtype=np.float64)[:3, :3]).as_rotvec()
     return vector
 
 
-def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> Array:
+def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> Float64[np.ndarray, "4 4"]:
     """`world_from_camera` of an OpenCV camera (x right, y down, z forward) at `eye` that looks at `target`.
 
     Where the line of sight is parallel to `up`, the world's y axis stands in for it.
@@ -68,8 +75,8 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) 
     return rigid(np.stack([right, np.cross(forward, right), forward], axis=1), eye)
 
 
-def rotation_about(axis: ArrayLike, angle: float) -> Array:
-    """A 3x3 rotation by `angle` radians about `axis`."""
+def rotation_about(axis: ArrayLike, angle: float) -> Float64[np.ndarray, "3 3"]:
+    """A rotation by `angle` radians about `axis`."""
     axis = np.asarray(axis, dtype=np.float64)
     matrix: Array = Rotation.from_rotvec(axis / np.linalg.norm(axis) * angle).as_matrix()
     return matrix

@@ -16,6 +16,7 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 import torch
 import torch.nn.functional as F
+from jaxtyping import Bool, Float, Int, Int32
 from torch import Tensor
 
 from neugrasp.geometry.camera import Camera
@@ -53,24 +54,24 @@ def reduced_type(device: torch.device) -> torch.dtype | None:
 class LookupTable:
     """Values to be read at places between them."""
 
-    values: Tensor
-    """(rows, c), float32."""
-    read_from: Tensor
+    values: Float[Tensor, "rows channels"]
+    """In full precision."""
+    read_from: Float[Tensor, "rows channels"]
     """The same in the precision of what is read; gradients add up in the values' own."""
 
     @classmethod
-    def of(cls, values: Tensor) -> LookupTable:
-        """Of (rows, c), read in the precision of the products: under autocast, in bfloat16."""
+    def of(cls, values: Float[Tensor, "rows channels"]) -> LookupTable:
+        """Read in the precision of the products: under autocast, in bfloat16."""
         return cls(values, values.detach().to(reduced_type(values.device) or values.dtype))
 
     @classmethod
-    def of_maps(cls, maps: Tensor) -> LookupTable:
-        """Of maps (n, c, h, w), row by row of pixels; best where the channels lie last in memory."""
+    def of_maps(cls, maps: Float[Tensor, "views channels height width"]) -> LookupTable:
+        """Of maps, row by row of pixels; best where the channels lie last in memory."""
         return cls.of(_pixels_as_rows(maps))
 
     @classmethod
-    def of_images(cls, images: Tensor) -> LookupTable:
-        """Of images (n, 3, h, w), read exactly."""
+    def of_images(cls, images: Float[Tensor, "views 3 height width"]) -> LookupTable:
+        """Of images, read exactly."""
         rows = _pixels_as_rows(images)
         return cls(rows, rows.detach())
 
@@ -79,25 +80,25 @@ class LookupTable:
 class InterpolationIndex:
     """Places between the entries of a table: which rows lie around each, and how much each counts."""
 
-    rows: Tensor
-    """(..., k) int32, from the first row of the table on."""
-    shares: Tensor
-    """(..., k) float32; they sum to one, or are 0 where nothing is to be read."""
+    rows: Int32[Tensor, "*places corners"]
+    """From the first row of the table on."""
+    shares: Float[Tensor, "*places corners"]
+    """In full precision; they sum to one, or are 0 where nothing is to be read."""
 
     def part(self, part: slice) -> InterpolationIndex:
         """Some of the places, along the last axis of them."""
         return InterpolationIndex(self.rows[..., part, :], self.shares[..., part, :])
 
-    def select(self, places: Tensor) -> InterpolationIndex:
-        """The places (p,) of that index, along the last axis of them."""
+    def select(self, places: Int[Tensor, " chosen"]) -> InterpolationIndex:
+        """The places of that index, along the last axis of them."""
         return InterpolationIndex(self.rows[..., places, :], self.shares[..., places, :])
 
-    def where(self, known: Tensor) -> InterpolationIndex:
-        """The same places, but 0 is read where `known` (...) is false."""
+    def where(self, known: Bool[Tensor, "*places"]) -> InterpolationIndex:
+        """The same places, but 0 is read where `known` is false."""
         return InterpolationIndex(self.rows, self.shares * known.unsqueeze(-1))
 
-    def read(self, table: LookupTable) -> Tensor:
-        """Values (..., c) at the places."""
+    def read(self, table: LookupTable) -> Float[Tensor, "*places channels"]:
+        """Values at the places."""
         corners = self.rows.shape[-1]
         places = self.rows.reshape(-1, corners), self.shares.reshape(-1, corners)
         values: Tensor = _Read.apply(table.values, table.read_from, *places)
@@ -144,16 +145,16 @@ class _Read(torch.autograd.Function):
 
 @dataclass(frozen=True)
 class CameraTensors:
-    """Cameras of n equally large images as float32 tensors, in the workspace frame."""
+    """Cameras of equally large images as float32 tensors, in the workspace frame."""
 
-    intrinsics: Tensor
-    """(n, 3, 3), pixels."""
-    camera_from_workspace: Tensor
-    """(n, 4, 4)."""
-    centres: Tensor
-    """(n, 3) optical centres, metres."""
-    bounds: Tensor
-    """(n, 4): left, top, right, bottom edges of the measured pixels."""
+    intrinsics: Float[Tensor, "views 3 3"]
+    """Pixels."""
+    camera_from_workspace: Float[Tensor, "views 4 4"]
+    """Rigid transforms, metres."""
+    centres: Float[Tensor, "views 3"]
+    """Optical centres, metres."""
+    bounds: Float[Tensor, "views 4"]
+    """Left, top, right, bottom edges of the measured pixels."""
     size: tuple[int, int]
     """Width and height of the images."""
 
@@ -196,8 +197,10 @@ class CameraTensors:
         )
 
     @full_precision
-    def project(self, points: Tensor) -> tuple[Tensor, Tensor]:
-        """Pixels (n, p, 2) of workspace points (p, 3), and whether each was seen (n, p)."""
+    def project(
+        self, points: Float[Tensor, "points 3"]
+    ) -> tuple[Float[Tensor, "views points 2"], Bool[Tensor, "views points"]]:
+        """Pixels of workspace points, and whether each was seen."""
         rotation, translation = self.camera_from_workspace[:, :3, :3], self.camera_from_workspace[:, :3, 3:]
         projection = self.intrinsics @ rotation
         homogeneous = projection @ points.T + self.intrinsics @ translation
@@ -209,13 +212,14 @@ class CameraTensors:
         return pixels.transpose(1, 2), seen
 
     @full_precision
-    def depths(self, points: Tensor) -> Tensor:
-        """z-depths (n, p) of workspace points (p, 3), metres."""
+    def depths(self, points: Float[Tensor, "points 3"]) -> Float[Tensor, "views points"]:
+        """z-depths of workspace points, metres."""
         forward = self.camera_from_workspace[:, 2]
         return forward[:, :3] @ points.T + forward[:, 3:]
 
-    def interpolation(self, pixels: Tensor, shape: torch.Size) -> InterpolationIndex:
-        """Where image pixels (n, p, 2) lie in maps of shape (n, c, h, w): places (n, p) in their table."""
+    def interpolation(self, pixels: Float[Tensor, "views points 2"], shape: torch.Size) -> InterpolationIndex:
+        """Where image pixels lie in maps of shape (views, channels, height, width): a place in their table
+        for each view and point."""
         height, width = shape[-2:]
         left, right_share = _between((pixels[..., 0] + 0.5) * (width / self.size[0]) - 0.5, width)
         top, lower_share = _between((pixels[..., 1] + 0.5) * (height / self.size[1]) - 0.5, height)
@@ -226,8 +230,10 @@ class CameraTensors:
         return InterpolationIndex(rows + rows.new_tensor([0, 1, width, width + 1]), shares)
 
     @full_precision
-    def rays(self, view: int, pixels: Tensor) -> tuple[Tensor, Tensor]:
-        """Origins (p, 3) and unit directions (p, 3) of the rays through pixels (p, 2) of one view."""
+    def rays(
+        self, view: int, pixels: Float[Tensor, "rays 2"]
+    ) -> tuple[Float[Tensor, "rays 3"], Float[Tensor, "rays 3"]]:
+        """Origins and unit directions of the rays through pixels of one view."""
         ones = torch.ones_like(pixels[:, :1])
         in_camera = torch.cat([pixels, ones], dim=1) @ torch.linalg.inv(self.intrinsics[view]).T
         directions = in_camera @ self.camera_from_workspace[view, :3, :3]
@@ -235,8 +241,12 @@ class CameraTensors:
         return self.centres[view].expand_as(directions), directions
 
 
-def sample_images(maps: Tensor, pixels: Tensor, size: tuple[int, int]) -> Tensor:
-    """Bilinear values (n, c, p) of maps (n, c, h, w) at image pixels (n, p, 2).
+def sample_images(
+    maps: Float[Tensor, "views channels height width"],
+    pixels: Float[Tensor, "views points 2"],
+    size: tuple[int, int],
+) -> Float[Tensor, "views channels points"]:
+    """Bilinear values of maps at image pixels.
 
     A map of any resolution spans the same area as the image of `size` (width, height); pixels are those of
     the image, centres at integers. Outside, the border is repeated.
@@ -248,8 +258,10 @@ def sample_images(maps: Tensor, pixels: Tensor, size: tuple[int, int]) -> Tensor
     ).squeeze(2)
 
 
-def sample_volume(volume: Tensor, unit: Tensor) -> Tensor:
-    """Trilinear values (c, p) of a volume (c, x, y, z) at points (p, 3) of the [-1, 1] cube.
+def sample_volume(
+    volume: Float[Tensor, "channels x y z"], unit: Float[Tensor, "points 3"]
+) -> Float[Tensor, "channels points"]:
+    """Trilinear values of a volume at points of the [-1, 1] cube.
 
     Voxel i of r has its centre at (2 i + 1) / r - 1 (see `Workspace.to_unit`); the border is repeated.
     """
@@ -261,8 +273,8 @@ def sample_volume(volume: Tensor, unit: Tensor) -> Tensor:
     return values.reshape(volume.shape[0], -1)
 
 
-def volume_interpolation(unit: Tensor, resolution: int) -> InterpolationIndex:
-    """The corners (p, 8) around points (p, 3) of the [-1, 1] cube, in a table (x y z, c) of its voxels."""
+def volume_interpolation(unit: Float[Tensor, "points 3"], resolution: int) -> InterpolationIndex:
+    """The 8 corners around points of the [-1, 1] cube, in a table of its voxels, x slowest."""
     lower, share = _between((unit + 1) * (resolution / 2) - 0.5, resolution)
     x, y, z = lower.unbind(-1)
     rows = ((x * resolution + y) * resolution + z).unsqueeze(-1)

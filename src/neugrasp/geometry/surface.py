@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from jaxtyping import Float, Int32
+from numpy.typing import ArrayLike
 from skimage.measure import marching_cubes
 
 from neugrasp.errors import InputError
-from neugrasp.geometry.pose import Array, apply
+from neugrasp.geometry.pose import apply
 from neugrasp.geometry.workspace import Workspace
 
 
@@ -17,10 +18,10 @@ from neugrasp.geometry.workspace import Workspace
 class Surface:
     """A triangle mesh. Seen from outside, the corners of a face run counter-clockwise."""
 
-    vertices: Array
-    """(n, 3), metres."""
-    faces: NDArray[np.int32]
-    """(m, 3) indices of vertices."""
+    vertices: Float[np.ndarray, "vertices 3"]
+    """Metres."""
+    faces: Int32[np.ndarray, "faces 3"]
+    """Indices of vertices."""
 
     def moved(self, new_from_old: ArrayLike) -> Surface:
         """The same surface in another frame."""

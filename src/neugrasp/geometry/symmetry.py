@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float, Float64, Shaped
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from neugrasp.geometry.camera import Camera
-from neugrasp.geometry.pose import Array
 from neugrasp.geometry.workspace import Workspace
 
 
@@ -31,8 +31,8 @@ class Symmetry:
         """What undoes it. A turn after a mirroring is a mirroring about another plane, and undoes itself."""
         return self if self.mirrored else Symmetry(-self.turns % 4)
 
-    def matrix(self, workspace: Workspace) -> Array:
-        """4x4 map of workspace points; its determinant is -1 where mirrored."""
+    def matrix(self, workspace: Workspace) -> Float64[np.ndarray, "4 4"]:
+        """A map of workspace points; its determinant is -1 where mirrored."""
         turn = np.round(Rotation.from_euler("z", 90 * self.turns, degrees=True).as_matrix())
         linear = turn @ np.diag([-1.0 if self.mirrored else 1.0, 1.0, 1.0])
         middle = np.array([workspace.size / 2, workspace.size / 2, 0.0])
@@ -41,13 +41,15 @@ class Symmetry:
         matrix[:3, 3] = middle - linear @ middle
         return matrix
 
-    def of_grid(self, grid: np.ndarray) -> np.ndarray:
+    def of_grid(self, grid: Shaped[np.ndarray, "r r r *rest"]) -> Shaped[np.ndarray, "r r r *rest"]:
         """A grid [x, y, z] of the moved scene."""
         flipped = grid[::-1] if self.mirrored else grid
         return np.ascontiguousarray(np.rot90(flipped, self.turns, axes=(0, 1)))
 
-    def of_image(self, image: np.ndarray) -> np.ndarray:
-        """The photo (h, w, ...) that the moved camera takes: mirrored left to right, or as it is."""
+    def of_image(
+        self, image: Shaped[np.ndarray, "height width *rest"]
+    ) -> Shaped[np.ndarray, "height width *rest"]:
+        """The photo that the moved camera takes: mirrored left to right, or as it is."""
         return np.ascontiguousarray(image[:, ::-1]) if self.mirrored else image
 
     def of_camera(self, camera: Camera, workspace: Workspace) -> Camera:
@@ -63,7 +65,7 @@ class Symmetry:
         mirror = np.diag([-1.0, 1.0, 1.0, 1.0])
         return replace(camera, intrinsics=intrinsics, world_from_camera=pose @ mirror, sensed=sensed)
 
-    def of_rotations(self, quaternions: ArrayLike) -> Array:
+    def of_rotations(self, quaternions: ArrayLike) -> Float[np.ndarray, "*grasps 4"]:
         """Orientations (..., 4), xyzw, of the moved grasps; the gripper is its own mirror image in x.
 
         With M the mirroring of x, R becomes turn M R M, and M R M has the quaternion (x, -y, -z, w).

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from jaxtyping import Float
 
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
-from neugrasp.geometry.pose import Array, look_at
+from neugrasp.geometry.pose import look_at
 from neugrasp.geometry.workspace import Workspace
 
 SENSOR = (640, 360)
@@ -19,7 +20,7 @@ VGN_SENSOR = (640, 480)
 VGN_FOCAL = 540.0
 
 
-def sensor_camera(eye: Array, target: Array) -> Camera:
+def sensor_camera(eye: Float[np.ndarray, " 3"], target: Float[np.ndarray, " 3"]) -> Camera:
     """The paper's simulated D435 at `eye`, looking at `target`."""
     intrinsics = np.array([[FOCAL, 0, PRINCIPAL_POINT[0]], [0, FOCAL, PRINCIPAL_POINT[1]], [0, 0, 1.0]])
     return Camera(intrinsics, look_at(eye, target), *SENSOR)

@@ -6,11 +6,12 @@ from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Bool, Float, Float64, Int64
 from numpy.typing import ArrayLike
 
 from neugrasp.data.fields import Fields
 from neugrasp.geometry.camera import Box, Camera
-from neugrasp.geometry.pose import Array, apply, is_rigid
+from neugrasp.geometry.pose import apply, is_rigid
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -40,7 +41,7 @@ class Workspace:
     photo_height: float = 0.15
     """Height above the table, in metres, up to which objects are expected: where the doctor and the checks of
     cameras look."""
-    world_from_workspace: Array = field(default_factory=lambda: np.eye(4))
+    world_from_workspace: Float[np.ndarray, "4 4"] = field(default_factory=lambda: np.eye(4))
 
     @property
     def up(self) -> tuple[float, float, float]:
@@ -102,37 +103,37 @@ class Workspace:
         return cls(**plain)
 
     @property
-    def centre(self) -> Array:
+    def centre(self) -> Float64[np.ndarray, " 3"]:
         """The middle of the table inside the cube, in the workspace frame: where cameras look."""
         return np.array([self.size / 2, self.size / 2, self.table_height])
 
-    def corners(self, bottom: float = 0.0, top: float | None = None) -> Array:
-        """The 8 corners (8, 3) of the cube, or of its slice between two heights, workspace frame."""
+    def corners(self, bottom: float = 0.0, top: float | None = None) -> Float64[np.ndarray, "8 3"]:
+        """The 8 corners of the cube, or of its slice between two heights, workspace frame."""
         top = self.size if top is None else top
         low, high = np.array([0.0, 0.0, bottom]), np.array([self.size, self.size, top])
         choice = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(8, 3)
         return np.where(choice == 1, high, low)
 
-    def voxel_centres(self) -> Array:
-        """Positions (resolution, resolution, resolution, 3) of voxels [x, y, z]: (i + 0.5) voxel sizes."""
+    def voxel_centres(self) -> Float64[np.ndarray, "r r r 3"]:
+        """Positions of the voxels [x, y, z]: (i + 0.5) voxel sizes."""
         axis = (np.arange(self.resolution) + 0.5) * self.voxel_size
         return np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
 
-    def index_of(self, points: ArrayLike) -> np.ndarray:
-        """Voxel indices (..., 3), int64, of workspace points; the caller checks `contains` first."""
+    def index_of(self, points: ArrayLike) -> Int64[np.ndarray, "*points 3"]:
+        """Voxel indices of workspace points (..., 3); the caller checks `contains` first."""
         return np.floor(np.asarray(points, dtype=np.float64) / self.voxel_size).astype(np.int64)
 
-    def position_of(self, index: ArrayLike) -> Array:
-        """Workspace position of voxel indices, whole or fractional: index i is the centre (i + 0.5)."""
+    def position_of(self, index: ArrayLike) -> Float64[np.ndarray, "*points 3"]:
+        """Workspace positions of voxel indices (..., 3), whole or fractional: index i is the centre."""
         return (np.asarray(index, dtype=np.float64) + 0.5) * self.voxel_size
 
-    def contains(self, points: ArrayLike) -> np.ndarray:
+    def contains(self, points: ArrayLike) -> Bool[np.ndarray, "*points"]:
         """Whether workspace points (..., 3) lie in the cube."""
         points = np.asarray(points)
-        return np.all((points >= 0) & (points < self.size), axis=-1)
+        return np.asarray(np.all((points >= 0) & (points < self.size), axis=-1))
 
-    def to_unit(self, points: Tensor) -> Tensor:
-        """Workspace metres (..., 3) to the [-1, 1] cube whose faces are the cube's faces."""
+    def to_unit(self, points: Float[Tensor, "*points 3"]) -> Float[Tensor, "*points 3"]:
+        """Workspace metres to the [-1, 1] cube whose faces are the cube's faces."""
         return points * (2 / self.size) - 1
 
     def photo_box(self, camera: Camera) -> Box:
@@ -154,7 +155,7 @@ class Workspace:
         u, v = (left + right) / 2, (top + bottom_edge) / 2
         return (u - side / 2, v - side / 2, u + side / 2, v + side / 2)
 
-    def _photo_outline(self) -> Array:
+    def _photo_outline(self) -> np.ndarray:
         """Corners (n, 3) of the squares of `PHOTO_OUTLINE`, the lowest one 1 cm under the table."""
         signs = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
         squares = []
@@ -164,7 +165,7 @@ class Workspace:
             squares.append(np.column_stack([across, np.full(4, z)]))
         return np.concatenate(squares)
 
-    def to_world(self, points: ArrayLike) -> Array:
+    def to_world(self, points: ArrayLike) -> Float64[np.ndarray, "*points 3"]:
         """Workspace points (..., 3) in the world."""
         return apply(self.world_from_workspace, points)
 
