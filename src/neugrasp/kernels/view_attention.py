@@ -8,9 +8,10 @@ float32; products, and what is kept for the gradient, in the precision of the to
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
 EPSILON = 1e-6
@@ -21,7 +22,7 @@ BLOCK = 2048
 """Points at a time."""
 
 
-def pays(tokens: Tensor) -> bool:
+def pays(tokens: Float[Tensor, "views points channels"]) -> bool:
     """Whether it is faster than the plain layer: on a CPU in bfloat16 where a gradient is wanted.
 
     In float32 and without a gradient the plain layer is as fast (docs/performance.md).
@@ -29,12 +30,15 @@ def pays(tokens: Tensor) -> bool:
     return tokens.device.type == "cpu" and tokens.dtype == torch.bfloat16 and torch.is_grad_enabled()
 
 
-def attend(layer: ViewLayer, tokens: Tensor, num: int) -> Tensor:
-    """(m, p, d): what the first m of the layer's token and the tokens (n, p, d) become."""
+def attend(
+    layer: ViewLayer, tokens: Float[Tensor, "views points channels"], num: int
+) -> Float[Tensor, "{num} points channels"]:
+    """What the first `num` of the layer's token and the tokens become."""
     attended: Tensor = _Attention.apply(layer.heads, num, tokens, *LayerWeights.of(layer))
     return attended
 
 
+@runtime_checkable
 class ViewLayer(Protocol):
     """A view transformer, as far as it matters here."""
 
@@ -50,37 +54,37 @@ class ViewLayer(Protocol):
     norm_mlp: nn.LayerNorm
 
 
-def positive(x: Tensor) -> Tensor:
+def positive(x: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
     """The feature map elu(x) + 1 of linear attention."""
     return x.clamp(max=0).exp() + x.clamp(min=0)
 
 
-def centred(weight: Tensor) -> Tensor:
-    """The weight (k, d), but for a mean of 0 over the k channels that come out."""
+def centred(weight: Float[Tensor, "out channels"]) -> Float[Tensor, "out channels"]:
+    """The weight, but for a mean of 0 over the channels that come out."""
     return weight - weight.mean(0)
 
 
 class LayerWeights(NamedTuple):
     """Layer weights with per-point work folded in: layer norm's scale and shift, centring, order of heads."""
 
-    token: Tensor
-    """(d,) the learnable token."""
-    asking: Tensor
-    """(3 d, d): queries, then the token's share in the hidden layer."""
-    shared: Tensor
-    """(2 d, d): keys, then values. Their channels and the queries' are ordered by place in the head first."""
-    merge: Tensor
-    """(d, d), `centred`, of messages ordered likewise."""
-    from_message: Tensor
-    """(2 d, d): the share in the hidden layer of a message that is normalised, but not scaled."""
-    bias: Tensor
-    """(2 d, 1) of the hidden layer: what the shift of normalised messages does there."""
-    contract: Tensor
-    """(d, 2 d), `centred`."""
-    scale: Tensor
-    """(d, 1) of what is normalised last."""
-    shift: Tensor
-    """(d, 1), likewise."""
+    token: Float[Tensor, " d"]
+    """The learnable token."""
+    asking: Float[Tensor, "3*d d"]
+    """Queries, then the token's share in the hidden layer."""
+    shared: Float[Tensor, "2*d d"]
+    """Keys, then values. Their channels and the queries' are ordered by place in the head first."""
+    merge: Float[Tensor, "d d"]
+    """`centred`, of messages ordered likewise."""
+    from_message: Float[Tensor, "2*d d"]
+    """The share in the hidden layer of a message that is normalised, but not scaled."""
+    bias: Float[Tensor, "2*d 1"]
+    """Of the hidden layer: what the shift of normalised messages does there."""
+    contract: Float[Tensor, "d 2*d"]
+    """`centred`."""
+    scale: Float[Tensor, "d 1"]
+    """Of what is normalised last."""
+    shift: Float[Tensor, "d 1"]
+    """Likewise."""
 
     @classmethod
     def of(cls, layer: ViewLayer) -> LayerWeights:
@@ -105,8 +109,8 @@ class LayerWeights(NamedTuple):
         *products, scale, shift = (one.detach() for one in self)
         return LayerWeights._make([*(one.to(kind) for one in products), scale, shift])
 
-    def joined(self, tokens: Tensor) -> Tensor:
-        """The learnable token, then the tokens: (1 + n, p, d)."""
+    def joined(self, tokens: Float[Tensor, "views points d"]) -> Float[Tensor, "1+views points d"]:
+        """The learnable token, then the tokens."""
         return torch.cat([self.token.expand(1, tokens.shape[1], -1), tokens])
 
 

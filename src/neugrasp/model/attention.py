@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import torch
 import torch.nn.functional as F
+from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from neugrasp.kernels import view_attention
@@ -16,7 +17,7 @@ EPSILON = 1e-6
 """Added to the sum of a query's weights."""
 
 
-def feature_map(x: Tensor) -> Tensor:
+def feature_map(x: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
     """elu(x) + 1, which is positive."""
     return F.elu(x) + 1
 
@@ -28,8 +29,8 @@ def linear(dim_in: int, dim_out: int) -> nn.Linear:
     return layer
 
 
-def same_head(dim: int, heads: int) -> Tensor:
-    """(dim, dim): 1 where two channels belong to one head, else 0; a product with it sums within each head.
+def same_head(dim: int, heads: int) -> Float[Tensor, "{dim} {dim}"]:
+    """1 where two channels belong to one head, else 0; a product with it sums within each head.
 
     Raises `ValueError` where the channels cannot be shared out among the heads.
     """
@@ -45,7 +46,7 @@ class ViewTransformer(nn.Module):
     view features. There is no position encoding, so the order of the views does not matter.
     """
 
-    same_head: Tensor
+    same_head: Float[Tensor, "d d"]
 
     def __init__(self, dim: int, heads: int):
         super().__init__()
@@ -61,8 +62,10 @@ class ViewTransformer(nn.Module):
         self.norm_message = nn.LayerNorm(dim)
         self.norm_mlp = nn.LayerNorm(dim)
 
-    def forward(self, tokens: Tensor, need_views: bool) -> tuple[Tensor, Tensor | None]:
-        """Unified feature (p, d) of view tokens (n, p, d), and the view features (n, p, d) if needed.
+    def forward(
+        self, tokens: Float[Tensor, "views points channels"], need_views: bool
+    ) -> tuple[Float[Tensor, "points channels"], Float[Tensor, "views points channels"] | None]:
+        """Unified feature of view tokens, and the view features if needed.
 
         Without `need_views` only the learnable token asks questions, which is a fraction of the work.
         """
@@ -82,9 +85,9 @@ class ViewTransformer(nn.Module):
 
 
 class RayTransformer(nn.Module):
-    """The samples of one ray attend to each other (Eq. 6); tensors are (rays, samples, channels)."""
+    """The samples of one ray attend to each other (Eq. 6)."""
 
-    same_head: Tensor
+    same_head: Float[Tensor, "d d"]
 
     def __init__(self, dim: int, heads: int):
         super().__init__()
@@ -102,8 +105,10 @@ class RayTransformer(nn.Module):
             if isinstance(module, nn.Linear):
                 nn.init.xavier_uniform_(module.weight)
 
-    def forward(self, x: Tensor, query_mask: Tensor) -> Tensor:
-        """Same shape as x (r, s, d). Samples outside the mask (r, s) get no message in."""
+    def forward(
+        self, x: Float[Tensor, "rays samples channels"], query_mask: Bool[Tensor, "rays samples"]
+    ) -> Float[Tensor, "rays samples channels"]:
+        """The features after it. Samples outside the mask get no message in."""
         query = feature_map(self.query(x)) * query_mask.unsqueeze(-1)
         key, value = feature_map(self.key(x)), self.value(x)
         # Of all pairs of channels, the products of those within a head: as fast as one head alone.

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 CPU_POINTS = 4096
@@ -18,7 +19,7 @@ Pieces = TypeVar("Pieces", bound=Sequence[Tensor])
 
 def map_chunked(
     function: Callable[[slice], tuple[Tensor, ...]], num: int, points_each: int, device: torch.device
-) -> tuple[Tensor, ...]:
+) -> tuple[Float[Tensor, " {num} *_"], ...]:
     """What `function` gives for slices of `num` items of `points_each` points, joined along axis 0.
 
     Gradients pass through it to whatever the function reads.

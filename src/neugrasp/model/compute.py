@@ -15,7 +15,7 @@ Precision = Literal["float32", "bfloat16"]
 
 @dataclass(frozen=True)
 class Compute:
-    """A device and a precision. Raises `InputError` where the machine has no such device."""
+    """A device and a precision."""
 
     device: torch.device
     precision: Precision = "float32"
@@ -23,7 +23,10 @@ class Compute:
 
     @classmethod
     def of(cls, device: str | torch.device, precision: str = "float32") -> Compute:
-        """By name: "cpu", "cuda", "cuda:1", "mps"."""
+        """By name: "cpu", "cuda", "cuda:1", "mps".
+
+        Raises `InputError` where the machine has no such device, or there is no such precision.
+        """
         names = get_args(Precision)
         if precision not in names:
             raise InputError(f"--precision {precision}: choose one of {', '.join(names)}")

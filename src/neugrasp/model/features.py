@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch
 import torch.nn.functional as F
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from neugrasp.geometry.sampling import full_precision
@@ -21,8 +22,8 @@ class ReflectedConv(nn.Conv2d):
         super().__init__(channels_in, channels_out, kernel, stride, bias=False)
         self.border = (kernel // 2,) * 4
 
-    def forward(self, x: Tensor) -> Tensor:
-        """(n, channels_in, h, w) to (n, channels_out, h / stride, w / stride)."""
+    def forward(self, x: Float[Tensor, "images channels height width"]) -> Float[Tensor, "images out _ _"]:
+        """The maps, height and width divided by the stride."""
         return super().forward(_reflected(x, self.border))
 
 
@@ -43,8 +44,8 @@ class StridedPointwise(nn.Conv2d):
         super().__init__(channels_in, channels_out, 1, bias=False)
         self.step = step
 
-    def forward(self, x: Tensor) -> Tensor:
-        """(n, channels_in, h, w) to (n, channels_out, h / step, w / step), sizes rounded up."""
+    def forward(self, x: Float[Tensor, "images channels height width"]) -> Float[Tensor, "images out _ _"]:
+        """The maps, height and width divided by the step and rounded up."""
         return super().forward(x[..., :: self.step, :: self.step])
 
 
@@ -71,8 +72,8 @@ class ResidualBlock(nn.Module):
                 StridedPointwise(channels_in, channels_out, stride), norm(channels_out)
             )
 
-    def forward(self, x: Tensor) -> Tensor:
-        """(n, channels_in, h, w) to (n, channels_out, h / stride, w / stride)."""
+    def forward(self, x: Float[Tensor, "images channels height width"]) -> Float[Tensor, "images out _ _"]:
+        """The maps, height and width divided by the stride."""
         return F.relu(self.body(x) + self.shortcut(x))
 
 
@@ -87,7 +88,7 @@ def _fuse(channels_in: int, channels_out: int) -> nn.Sequential:
 
 
 class FeatureNet(nn.Module):
-    """The Res U-Net: RGB (n, 3, h, w) in [0, 1] to features (n, feature_dim, h / 4, w / 4)."""
+    """The Res U-Net: RGB in [0, 1] to features at a quarter of its resolution."""
 
     def __init__(self, config: ModelConfig):
         super().__init__()
@@ -103,8 +104,10 @@ class FeatureNet(nn.Module):
         self.join1 = _fuse(2 * first, first)
         self.out = nn.Conv2d(first, config.feature_dim, 1)
 
-    def forward(self, images: Tensor) -> Tensor:
-        """Feature maps at a quarter of the images' resolution."""
+    def forward(
+        self, images: Float[Tensor, "images 3 height width"]
+    ) -> Float[Tensor, "images channels height//4 width//4"]:
+        """Feature maps; height and width are multiples of 16."""
         quarter = self.stage1(self.stem(images.contiguous(memory_format=torch.channels_last)))
         eighth = self.stage2(quarter)
         x = self.stage3(eighth)
@@ -133,8 +136,12 @@ class ResidualAttention(nn.Module):
         # Where nothing changed the gate sees zeros from the start.
         self.query.weight.data.copy_(self.key.weight.data)
 
-    def forward(self, scene: Tensor, background: Tensor) -> Tensor:
-        """Foreground-attentive features, same shape as both inputs (n, d, h, w)."""
+    def forward(
+        self,
+        scene: Float[Tensor, "views channels height width"],
+        background: Float[Tensor, "views channels height width"],
+    ) -> Float[Tensor, "views channels height width"]:
+        """Foreground-attentive features."""
         key = self.key(scene)
         gate = torch.sigmoid(self.gate(key - self.query(background)))
         return self.out(self.value(key) * gate)
@@ -153,7 +160,9 @@ class ChangeFeatures(nn.Module):
             nn.Conv2d(3, dim, 5, 2, 2, bias=False), nn.ReLU(), nn.Conv2d(dim, dim, 5, 2, 2, bias=False)
         )
 
-    def forward(self, images: Tensor, backgrounds: Tensor) -> Tensor:
-        """Maps (n, dim, s / 4, s / 4) of photos (n, 3, s, s) in [0, 1]."""
+    def forward(
+        self, images: Float[Tensor, "views 3 size size"], backgrounds: Float[Tensor, "views 3 size size"]
+    ) -> Float[Tensor, "views channels size//4 size//4"]:
+        """Maps of photos in [0, 1]."""
         maps: Tensor = self.layers(CHANGE_GAIN * (images - backgrounds))
         return maps

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import torch
 import torch.nn.functional as F
+from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from neugrasp.geometry.sampling import CameraTensors, InterpolationIndex, LookupTable, volume_interpolation
@@ -20,22 +21,22 @@ POSITION_FREQUENCIES = (1.0, 2.0, 4.0)
 
 @dataclass(frozen=True)
 class PointSamples:
-    """Points along r rays, s each, and what the scene shows there."""
+    """Points along rays and what the scene shows there."""
 
-    points: Tensor
-    """(r, s, 3) workspace metres."""
-    maps: Tensor
-    """(n, r s, b d) features of the n views: scene, then foreground where the model has it."""
-    priors: Tensor
-    """(r s, k c) shape prior, then occupancy prior where the model has one."""
-    seen: Tensor
-    """(n, r s) bool."""
-    colours: Tensor | None = None
-    """(n, r s, 3) of the views' photos, where they were asked for."""
+    points: Float[Tensor, "rays samples 3"]
+    """Workspace metres."""
+    maps: Float[Tensor, "views rays*samples features"]
+    """Features of the views: scene, then foreground where the model has it."""
+    priors: Float[Tensor, "rays*samples priors"]
+    """Shape prior, then occupancy prior where the model has one."""
+    seen: Bool[Tensor, "views rays*samples"]
+    """Which views see which point."""
+    colours: Float[Tensor, "views rays*samples 3"] | None = None
+    """Of the views' photos, in [0, 1], where they were asked for."""
 
     @property
-    def num_seen(self) -> Tensor:
-        """(r, s) how many views see each point."""
+    def num_seen(self) -> Int[Tensor, "rays samples"]:
+        """How many views see each point."""
         return self.seen.sum(0).reshape(self.points.shape[:2])
 
 
@@ -44,24 +45,24 @@ class EncodedViews:
     """A scene as the field reads it."""
 
     images: LookupTable
-    """(n s s, 3) RGB, for the colours."""
+    """RGB of the pixels of all views, for the colours."""
     maps: LookupTable
-    """(n h w, b d) scene features, then foreground features where the model has them."""
+    """Scene features, then foreground features where the model has them."""
     map_shape: torch.Size
-    """(n, d, h, w)"""
+    """Views, channels of the scene features, height, width."""
     priors: LookupTable
-    """(r^3, k c): the shape prior at the voxels, then the occupancy prior where the model has one."""
+    """The shape prior at the voxels, then the occupancy prior where the model has one."""
     voxels: InterpolationIndex
-    """(n, r^3) places of the voxel centres [x, y, z] in the maps."""
-    seen: Tensor
-    """(n, r^3) bool: which views see which voxel."""
-    centres: Tensor
-    """(r^3, 3) of the voxels [x, y, z], workspace metres."""
+    """Places (views, voxels) of the voxel centres [x, y, z] in the maps."""
+    seen: Bool[Tensor, "views voxels"]
+    """Which views see which voxel."""
+    centres: Float[Tensor, "voxels 3"]
+    """Of the voxels [x, y, z], workspace metres."""
     cameras: CameraTensors
     workspace: Workspace
 
-    def at_points(self, points: Tensor, colours: bool = False) -> PointSamples:
-        """The scene at points (r, s, 3); gradients reach the points and the cameras, too."""
+    def at_points(self, points: Float[Tensor, "rays samples 3"], colours: bool = False) -> PointSamples:
+        """The scene at points; gradients reach the points and the cameras, too."""
         flat = points.flatten(0, 1)
         pixels, seen = self.cameras.project(flat)
         in_maps = self.cameras.interpolation(pixels, self.map_shape).where(seen)
@@ -71,7 +72,7 @@ class EncodedViews:
         rgb = self.cameras.interpolation(pixels, photos).read(self.images) if colours else None
         return PointSamples(points, in_maps.read(self.maps), in_volume.read(self.priors), seen, rgb)
 
-    def at_columns(self, columns: slice | Tensor) -> PointSamples:
+    def at_columns(self, columns: slice | Int[Tensor, " columns"]) -> PointSamples:
         """The scene at the voxel centres of some columns x r + y: rays that point upwards."""
         centres = self.centres.unflatten(0, (-1, self.workspace.resolution))[columns]
         places = torch.arange(len(self.centres), device=self.centres.device)
@@ -80,8 +81,8 @@ class EncodedViews:
         return PointSamples(centres, maps, self.priors.values[voxels], self.seen[:, voxels])
 
 
-def order_encoding(num: int, like: Tensor, dim: int = ORDER_DIM) -> Tensor:
-    """Sinusoids (num, dim) of the place of a sample on its ray: from half a wave per ray down, by halves.
+def order_encoding(num: int, like: Float[Tensor, "*_"], dim: int = ORDER_DIM) -> Float[Tensor, "{num} {dim}"]:
+    """Sinusoids of the place of a sample on its ray: from half a wave per ray down, by halves.
 
     The usual base of 10000 has six waves in 40 samples, and the field followed them: floating slabs with the
     slope that Eikonal asks for and the opacity that carving asks for (docs/training_log.md).
@@ -91,13 +92,13 @@ def order_encoding(num: int, like: Tensor, dim: int = ORDER_DIM) -> Tensor:
     return torch.cat([torch.sin(place * rate), torch.cos(place * rate)], dim=1)
 
 
-def position_encoding(points: Tensor) -> Tensor:
-    """Points (p, 3) in metres and the sines and cosines of 1, 2 and 4 times them: (p, 21)."""
+def position_encoding(points: Float[Tensor, "points 3"]) -> Float[Tensor, "points 21"]:
+    """Points in metres and the sines and cosines of 1, 2 and 4 times them."""
     waves = [f(k * points) for k in POSITION_FREQUENCIES for f in (torch.sin, torch.cos)]
     return torch.cat([points, *waves], dim=1)
 
 
-def table_distance(heights: Tensor, workspace: Workspace) -> Tensor:
+def table_distance(heights: Float[Tensor, "*shape"], workspace: Workspace) -> Float[Tensor, "*shape"]:
     """The truncated distance to the empty table at heights above the workspace's floor, in [-1, 1].
 
     The network predicts what to add to it: it starts from an empty table instead of from nothing.
@@ -135,12 +136,15 @@ class SdfField(nn.Module):
         self.blending = nn.Sequential(*itertools.chain(*hidden), nn.Linear(widths[-1], 1))
 
     def forward(
-        self, samples: PointSamples, workspace: Workspace, order: Tensor | None = None
-    ) -> tuple[Tensor, tuple[Tensor, ...]]:
-        """Signed distance (r, s) in truncation units at r sequences ("rays") of s samples, + outside.
+        self,
+        samples: PointSamples,
+        workspace: Workspace,
+        order: Float[Tensor, "samples 8"] | None = None,
+    ) -> tuple[Float[Tensor, "rays samples"], tuple[Float[Tensor, "views points _"], ...]]:
+        """Signed distance in truncation units at sequences ("rays") of samples, + outside.
 
-        `order` (s, 8) encodes the place of a sample on its ray; by default they come in the order of the ray.
-        The second value holds the re-weighted view features (n, r s, d) of each branch where the samples have
+        `order` encodes the place of a sample on its ray; by default they come in the order of the ray.
+        The second value holds the re-weighted view features of each branch where the samples have
         colours, for `blend`, and nothing otherwise.
         """
         blends = samples.colours is not None
@@ -157,9 +161,16 @@ class SdfField(nn.Module):
         return sdf, tuple(views for _, views in attended if views is not None)
 
     def blend(
-        self, samples: PointSamples, views: tuple[Tensor, ...], cameras: CameraTensors, eyes: Tensor
-    ) -> Tensor:
-        """Colours (r, s, 3) as seen from `eyes` (r, 3): a softmax over the views that see a point."""
+        self,
+        samples: PointSamples,
+        views: tuple[Float[Tensor, "views points _"], ...],
+        cameras: CameraTensors,
+        eyes: Float[Tensor, "rays 3"],
+    ) -> Float[Tensor, "rays samples 3"]:
+        """Colours as seen from `eyes`: a softmax over the views that see a point.
+
+        Raises `ValueError` on samples without colours.
+        """
         if samples.colours is None:
             raise ValueError("samples without colours cannot be blended; ask `at_points` for them")
         flat = samples.points.flatten(0, 1)

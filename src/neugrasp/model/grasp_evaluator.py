@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import torch
 import torch.nn.functional as F
+from jaxtyping import Float, Float32, Int8
 from torch import Tensor, nn
 
 from neugrasp.geometry.workspace import Workspace
@@ -36,18 +37,18 @@ CHUNK = 40
 class FineGrid:
     """A grid with the table around it, ready to be read at many places."""
 
-    levels: Tensor
-    """(f^3,) int8: `LEVELS` times the signed distance; x slowest."""
+    levels: Int8[Tensor, " entries"]
+    """`LEVELS` times the signed distance; x slowest."""
     edge: int
-    """f, entries along an edge."""
+    """Entries along an edge."""
     spacing: float
     """Metres between two."""
     origin: float
     """Workspace coordinate of the first, along each axis."""
 
     @classmethod
-    def of(cls, tsdf: Tensor, workspace: Workspace) -> FineGrid:
-        """Of a grid (r, r, r) in [-1, 1]. Outside the cube stands the table's plane and nothing else."""
+    def of(cls, tsdf: Float[Tensor, "r r r"], workspace: Workspace) -> FineGrid:
+        """Of a grid in [-1, 1]. Outside the cube stands the table's plane and nothing else."""
         size, voxel = workspace.resolution, workspace.voxel_size
         heights = (torch.arange(-1, size + 1, device=tsdf.device) + 0.5) * voxel - workspace.table_height
         table = (heights / workspace.truncation).clamp(-1, 1)
@@ -59,16 +60,16 @@ class FineGrid:
         return cls(levels.reshape(-1), edge, voxel / FINER, -voxel / 2)
 
 
-def box_points(device: torch.device | str = "cpu") -> Tensor:
-    """Where a box is read (7 23 16, 3), grasp frame, metres."""
+def box_points(device: torch.device | str = "cpu") -> Float[Tensor, "7*23*16 3"]:
+    """Where a box is read, grasp frame, metres."""
     y = (torch.arange(ALONG) - (ALONG - 1) / 2) * STEP
     z = AHEAD - torch.arange(DEEP - 1, -1, -1) * DEEP_STEP
     axes = torch.meshgrid(torch.tensor(ACROSS), y, z, indexing="ij")
     return torch.stack(axes, dim=-1).reshape(-1, 3).to(device)
 
 
-def boxes(grid: FineGrid, poses: Tensor) -> Tensor:
-    """What TCP poses (k, 4, 4), workspace frame, see of a grid: (k, 7, 23, 16) int8, `LEVELS` for one."""
+def boxes(grid: FineGrid, poses: Float[Tensor, "k 4 4"]) -> Int8[Tensor, "k 7 23 16"]:
+    """What TCP poses, workspace frame, see of a grid: `LEVELS` for one."""
     points = box_points(poses.device)
     homogeneous = torch.cat([points, torch.ones_like(points[:, :1])], dim=1).T.contiguous()
     scaled = torch.cat([poses[:, :3, :3], poses[:, :3, 3:] - grid.origin], dim=2).float() / grid.spacing
@@ -84,8 +85,8 @@ def _read(grid: FineGrid, scaled: Tensor, points: Tensor) -> Tensor:
     return grid.levels[x.mul_(grid.edge).add_(y).mul_(grid.edge).add_(z)]
 
 
-def numbers(poses: Tensor, workspace: Workspace) -> Tensor:
-    """What a box does not tell of poses (k, 4, 4): (k, 4).
+def numbers(poses: Float[Tensor, "k 4 4"], workspace: Workspace) -> Float32[Tensor, "k 4"]:
+    """What a box does not tell of poses.
 
     How the world's up lies in the grasp frame, and the height of the TCP above the table in units of 10 cm.
     """
@@ -94,7 +95,9 @@ def numbers(poses: Tensor, workspace: Workspace) -> Tensor:
     return torch.cat([up, height], dim=1).float()
 
 
-def mirrored(box: Tensor, of_up: Tensor, x: bool, y: bool) -> tuple[Tensor, Tensor]:
+def mirrored(
+    box: Int8[Tensor, "k 7 23 16"], of_up: Float[Tensor, "k 4"], x: bool, y: bool
+) -> tuple[Int8[Tensor, "k 7 23 16"], Float[Tensor, "k 4"]]:
     """The same grasp seen in a mirror across x, y, or both, which is a half turn about the approach."""
     axes = [axis for axis, flips in ((1, x), (2, y)) if flips]
     signs = of_up.new_tensor([-1.0 if x else 1.0, -1.0 if y else 1.0, 1.0, 1.0])
@@ -122,14 +125,14 @@ class GraspEvaluator(nn.Module):
         )
         self.answer = nn.Linear(hidden, 1)
 
-    def forward(self, box: Tensor, of_up: Tensor) -> Tensor:
-        """Logits (k,) of boxes (k, 7, 23, 16) int8 and numbers (k, 4)."""
+    def forward(self, box: Int8[Tensor, "k 7 23 16"], of_up: Float[Tensor, "k 4"]) -> Float[Tensor, " k"]:
+        """Logits of boxes and numbers."""
         seen = self.see((box.float() / LEVELS).contiguous(memory_format=torch.channels_last))
         logits: Tensor = self.answer(self.weigh(torch.cat([seen.flatten(1), of_up], dim=1)))
         return logits.squeeze(1)
 
-    def symmetric(self, box: Tensor, of_up: Tensor) -> Tensor:
-        """The mean logits (k,) of a grasp and its mirror images, which `forward` has only learned."""
+    def symmetric(self, box: Int8[Tensor, "k 7 23 16"], of_up: Float[Tensor, "k 4"]) -> Float[Tensor, " k"]:
+        """The mean logits of a grasp and its mirror images, which `forward` has only learned."""
         answers = [self(*mirrored(box, of_up, x, y)) for x, y in SIDES]
         return torch.stack(answers).mean(0)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import torch
 import torch.nn.functional as F
 from einops import rearrange
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from neugrasp.model.config import ModelConfig
@@ -14,16 +15,16 @@ from neugrasp.model.config import ModelConfig
 
 @dataclass(frozen=True)
 class GraspVolume:
-    """Predictions at the voxels of b grids."""
+    """Predictions at the voxels of grids."""
 
-    quality: Tensor
-    """(b, r, r, r) probability that a grasp at this voxel succeeds."""
-    rotation: Tensor
-    """(b, 4, r, r, r) unit quaternion (x, y, z, w), workspace_from_grasp."""
-    width: Tensor
-    """(b, r, r, r) opening in voxels."""
-    logits: Tensor
-    """(b, r, r, r) of the quality, for a loss that does not saturate."""
+    quality: Float[Tensor, "grids r r r"]
+    """Probability that a grasp at this voxel succeeds."""
+    rotation: Float[Tensor, "grids 4 r r r"]
+    """Unit quaternion (x, y, z, w), workspace_from_grasp."""
+    width: Float[Tensor, "grids r r r"]
+    """Opening in voxels."""
+    logits: Float[Tensor, "grids r r r"]
+    """Of the quality, for a loss that does not saturate."""
 
 
 def _conv(channels_in: int, channels_out: int, kernel: int, stride: int = 1) -> nn.Conv3d:
@@ -42,8 +43,8 @@ class GraspHead(nn.Module):
         self.rotation = _conv(a, 4, 5)
         self.width = _conv(a, 1, 5)
 
-    def forward(self, tsdf: Tensor) -> GraspVolume:
-        """From grids (b, r, r, r) with values in [-1, 1]; r a multiple of 8."""
+    def forward(self, tsdf: Float[Tensor, "grids r r r"]) -> GraspVolume:
+        """From grids with values in [-1, 1]; r a multiple of 8."""
         x = tsdf.unsqueeze(1)
         for convolution in self.encoder:
             x = F.relu(convolution(x))
@@ -57,19 +58,21 @@ class GraspHead(nn.Module):
         return GraspVolume(torch.sigmoid(logits), unit(rotation, dim=1), width.squeeze(1), logits)
 
 
-def unit(x: Tensor, dim: int) -> Tensor:
+def unit(x: Float[Tensor, "*shape"], dim: int) -> Float[Tensor, "*shape"]:
     """Vectors of length 1; a thirteenth of the time that `F.normalize` takes along a short axis on a CPU."""
     return x * (x * x).sum(dim, keepdim=True).clamp(min=1e-24).rsqrt()
 
 
-def half_turned(quaternions: Tensor) -> Tensor:
-    """Orientations (..., 4), xyzw, turned by pi about their own approach: the same grasps."""
+def half_turned(quaternions: Float[Tensor, "*grasps 4"]) -> Float[Tensor, "*grasps 4"]:
+    """Orientations, xyzw, turned by pi about their own approach: the same grasps."""
     x, y, z, w = quaternions.unbind(-1)
     return torch.stack([y, -x, w, -z], dim=-1)
 
 
-def convolve_doubled(x: Tensor, *layers: nn.Module) -> Tensor:
-    """Convolutions of x (b, c, r, r, r) upsampled by two to the nearest voxel: (b, o, 2 r, 2 r, 2 r).
+def convolve_doubled(
+    x: Float[Tensor, "grids channels x y z"], *layers: nn.Module
+) -> Float[Tensor, "grids out 2*x 2*y 2*z"]:
+    """Convolutions of x upsampled by two to the nearest voxel.
 
     Voxels next to each other are equal there, so their weights (o, c, k, k, k) add up: 3 x 3 x 3 remain
     for each of the 8 places in a coarse voxel. With k = 5 that is a fifth of the products.

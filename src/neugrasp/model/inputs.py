@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from jaxtyping import Float, Float32, UInt8
 from PIL import Image as PilImage
 from torch import Tensor
 
@@ -14,7 +16,7 @@ from neugrasp.geometry.camera import Box, Camera
 from neugrasp.geometry.pose import inverse
 from neugrasp.geometry.sampling import CameraTensors
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.observation import Image, View, Views
+from neugrasp.observation import View, Views
 
 SAME_CROP = 1.0
 """Pixels by which a crop may miss the wanted one and still pass as it is."""
@@ -24,10 +26,10 @@ SAME_CROP = 1.0
 class ViewTensors:
     """What one forward pass reads; everything in the workspace frame."""
 
-    images: Tensor
-    """(n, 3, s, s) RGB in [0, 1]."""
-    backgrounds: Tensor
-    """(n, 3, s, s) RGB in [0, 1]."""
+    images: Float[Tensor, "views 3 size size"]
+    """RGB in [0, 1]."""
+    backgrounds: Float[Tensor, "views 3 size size"]
+    """RGB in [0, 1]."""
     cameras: CameraTensors
 
     def to(self, device: torch.device | str) -> ViewTensors:
@@ -35,13 +37,17 @@ class ViewTensors:
         return ViewTensors(self.images.to(device), self.backgrounds.to(device), self.cameras.to(device))
 
 
-def to_tensor(images: list[Image] | np.ndarray) -> Tensor:
-    """uint8 photos (n, h, w, 3) as float32 (n, 3, h, w) in [0, 1]."""
-    return torch.from_numpy(np.stack(list(images))).permute(0, 3, 1, 2).float() / 255
+def to_tensor(
+    images: Sequence[UInt8[np.ndarray, "height width 3"]],
+) -> Float32[Tensor, "views 3 height width"]:
+    """Photos as tensors in [0, 1]."""
+    return torch.from_numpy(np.stack(images)).permute(0, 3, 1, 2).float() / 255
 
 
-def crop_and_resize(image: Image, box: Box, sensed: Box, size: int) -> Image:
-    """The part of a photo inside `box` (pixel edges) at size x size, averaged where it shrinks.
+def crop_and_resize(
+    image: UInt8[np.ndarray, "height width 3"], box: Box, sensed: Box, size: int
+) -> UInt8[np.ndarray, "{size} {size} 3"]:
+    """The part of a photo inside `box` (pixel edges), averaged where it shrinks.
 
     What lies outside `sensed` is filled by repeating the nearest measured pixel.
     """

@@ -7,6 +7,7 @@ from typing import Generic, TypeVar
 
 import torch
 from einops import rearrange
+from jaxtyping import Bool, Float, Float32, Int
 from torch import Tensor, nn
 
 from neugrasp.geometry.sampling import LookupTable, sample_volume
@@ -31,7 +32,9 @@ GRID_SAMPLES = 64
 """Samples on a ray through the grid: about one for every voxel that it meets."""
 
 
-Maps = tuple[Tensor, ...]
+Map = Float[Tensor, "views channels height width"]
+"""Features of every view."""
+Maps = tuple[Map, ...]
 Scene = TypeVar("Scene")
 
 
@@ -40,13 +43,13 @@ class Reconstruction(Generic[Scene]):
     """A scene as a network reads it, its signed distance on the grid, and where it was seen."""
 
     scene: Scene
-    sdf: Tensor
-    """(r, r, r), truncation units, not clipped."""
-    seen: Tensor
-    """(r, r, r) bool: whether any view sees the voxel."""
+    sdf: Float[Tensor, "r r r"]
+    """Truncation units, not clipped."""
+    seen: Bool[Tensor, "r r r"]
+    """Whether any view sees the voxel."""
 
     @property
-    def tsdf(self) -> Tensor:
+    def tsdf(self) -> Float[Tensor, "r r r"]:
         """The truncated signed distance, in [-1, 1]."""
         return self.sdf.clamp(-1, 1)
 
@@ -75,24 +78,26 @@ class NeuGrasp(nn.Module):
         reconstruction = self.reconstruct(self.encode(views.images), self.encode_backgrounds(views), views)
         return reconstruction, self.head(reconstruction.tsdf.unsqueeze(0))
 
-    def encode(self, images: Tensor) -> Tensor:
-        """Feature maps (n, d, s / 4, s / 4) of images (n, 3, s, s)."""
+    def encode(
+        self, images: Float[Tensor, "images 3 size size"]
+    ) -> Float32[Tensor, "images channels size//4 size//4"]:
+        """Feature maps of images."""
         maps: Tensor = self.features(images)
         return maps.float()
 
-    def encode_backgrounds(self, views: ViewTensors) -> Tensor | None:
+    def encode_backgrounds(self, views: ViewTensors) -> Map | None:
         """Feature maps of the backgrounds, which may be kept for as long as the cell stays as it is."""
         return self.encode(views.backgrounds) if self.config.use_backgrounds else None
 
     def reconstruct(
-        self, scene: Tensor, background: Tensor | None, views: ViewTensors
+        self, scene: Map, background: Map | None, views: ViewTensors
     ) -> Reconstruction[EncodedViews]:
         """The field and its values on the grid, from the feature maps of photos and backgrounds."""
         encoded = self.encode_scene(scene, background, views)
         sdf = self.sdf_columns(encoded).reshape((self.workspace.resolution,) * 3)
         return Reconstruction(encoded, sdf, encoded.seen.any(0).reshape(sdf.shape))
 
-    def encode_scene(self, scene: Tensor, background: Tensor | None, views: ViewTensors) -> EncodedViews:
+    def encode_scene(self, scene: Map, background: Map | None, views: ViewTensors) -> EncodedViews:
         """What the field reads: feature maps and prior volumes (Eq. 7 and the two priors of Fig. 2)."""
         maps, prior_maps = self._field_maps(scene, background, views)
         centres = scene.new_tensor(self.workspace.voxel_centres()).reshape(-1, 3)
@@ -111,8 +116,10 @@ class NeuGrasp(nn.Module):
             self.workspace,
         )
 
-    def sdf_columns(self, scene: EncodedViews, columns: Tensor | None = None) -> Tensor:
-        """Signed distance (k, r), not clipped, at the voxels of columns (k,), x r + y; by default of all.
+    def sdf_columns(
+        self, scene: EncodedViews, columns: Int[Tensor, " columns"] | None = None
+    ) -> Float[Tensor, "columns {self.workspace.resolution}"]:
+        """Signed distance, not clipped, at the voxels of columns, numbered x r + y; by default of all.
 
         Every column is a ray seen from straight above: its samples count from the top down.
         """
@@ -126,7 +133,7 @@ class NeuGrasp(nn.Module):
         num = edge**2 if columns is None else len(columns)
         return map_chunked(query, num, edge, scene.centres.device)[0]
 
-    def _field_maps(self, scene: Tensor, background: Tensor | None, views: ViewTensors) -> tuple[Maps, Maps]:
+    def _field_maps(self, scene: Map, background: Map | None, views: ViewTensors) -> tuple[Maps, Maps]:
         """What the view transformers read, and what the prior volumes are made from."""
         if background is None:
             return (scene,), (scene,)
@@ -139,7 +146,7 @@ class NeuGrasp(nn.Module):
         priors = (scene, residue) if self.config.use_occupancy_prior else (scene,)
         return (scene, attended), priors
 
-    def sharpness(self, scheduled: float) -> Tensor:
+    def sharpness(self, scheduled: float) -> Float[Tensor, ""]:
         """NeuS sharpness in 1 / metre: learned if the model learns it, else the schedule's value."""
         if self.config.learned_sharpness:
             return torch.exp(10 * self.log_sharpness).clamp(1e-6, 1e6)
@@ -149,7 +156,7 @@ class NeuGrasp(nn.Module):
         self,
         scene: EncodedViews,
         rays: Rays,
-        sharpness: Tensor,
+        sharpness: Float[Tensor, ""],
         generator: torch.Generator | None = None,
     ) -> tuple[Rendered, Rendered]:
         """Coarse and fine renderings of rays; with a generator, samples are jittered."""
@@ -162,18 +169,24 @@ class NeuGrasp(nn.Module):
         self,
         reconstruction: Reconstruction[EncodedViews],
         rays: Rays,
-        sharpness: Tensor,
+        sharpness: Float[Tensor, ""],
         generator: torch.Generator | None = None,
-    ) -> tuple[Tensor, Tensor]:
-        """Weights (r, s - 1) of intervals on rays through the grid's distances, and their midpoints."""
+    ) -> tuple[Float[Tensor, "rays intervals"], Float[Tensor, "rays intervals"]]:
+        """Weights of intervals on rays through the grid's distances, and their midpoints in metres."""
         distances = stratified_samples(rays, GRID_SAMPLES, generator)
         points = self.workspace.to_unit(rays.points(distances).reshape(-1, 3))
         sdf = sample_volume(reconstruction.sdf.unsqueeze(0), points).reshape(distances.shape)
         weights = ray_weights(sdf * self.workspace.truncation, sharpness)
         return weights, (distances[:, 1:] + distances[:, :-1]) / 2
 
-    def render_at(self, scene: EncodedViews, rays: Rays, distances: Tensor, sharpness: Tensor) -> Rendered:
-        """Renderings of rays from the field at given distances (r, s)."""
+    def render_at(
+        self,
+        scene: EncodedViews,
+        rays: Rays,
+        distances: Float[Tensor, "rays samples"],
+        sharpness: Float[Tensor, ""],
+    ) -> Rendered:
+        """Renderings of rays from the field at given distances."""
         points = rays.points(distances)
 
         def query(part: slice) -> tuple[Tensor, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
 SMALL = 1024
@@ -16,8 +17,8 @@ class GroupNorm(nn.GroupNorm):
     and the variance is a difference of two sums, which costs three digits: none that bfloat16 had.
     """
 
-    def forward(self, x: Tensor) -> Tensor:
-        """The same shape (b, c, ...), and on a CPU the same order in memory."""
+    def forward(self, x: Float[Tensor, "b channels *space"]) -> Float[Tensor, "b channels *space"]:
+        """Normalised maps or volumes; on a CPU the same order in memory."""
         if x.device.type != "cpu":
             return super().forward(x)
         if x.dtype == torch.bfloat16 and x[0, 0].numel() >= SMALL and not torch.is_grad_enabled():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from neugrasp.geometry.workspace import Workspace
@@ -14,20 +15,20 @@ from neugrasp.geometry.workspace import Workspace
 class Rays:
     """Rays of one camera, cut to the part inside the workspace."""
 
-    origins: Tensor
-    """(r, 3) metres."""
-    directions: Tensor
-    """(r, 3) unit vectors."""
-    near: Tensor
-    """(r,) metres along the ray."""
-    far: Tensor
-    """(r,) metres along the ray; a ray that misses the workspace has far <= near."""
+    origins: Float[Tensor, "rays 3"]
+    """Metres."""
+    directions: Float[Tensor, "rays 3"]
+    """Unit vectors."""
+    near: Float[Tensor, " rays"]
+    """Metres along the ray."""
+    far: Float[Tensor, " rays"]
+    """Metres along the ray; a ray that misses the workspace has far <= near."""
 
-    def points(self, distances: Tensor) -> Tensor:
-        """Points (r, s, 3) at distances (r, s)."""
+    def points(self, distances: Float[Tensor, "rays samples"]) -> Float[Tensor, "rays samples 3"]:
+        """Points at distances along the rays, metres."""
         return self.origins.unsqueeze(1) + distances.unsqueeze(-1) * self.directions.unsqueeze(1)
 
-    def select(self, keep: Tensor) -> Rays:
+    def select(self, keep: Bool[Tensor, " rays"] | Int[Tensor, " kept"]) -> Rays:
         """Some of the rays, by mask or index."""
         return Rays(self.origins[keep], self.directions[keep], self.near[keep], self.far[keep])
 
@@ -36,19 +37,21 @@ class Rays:
 class Rendered:
     """What a camera would see along rays."""
 
-    colour: Tensor
-    """(r, 3)."""
-    depth: Tensor
-    """(r,) expected distance along the ray, metres; of what is opaque."""
-    opacity: Tensor
-    """(r,) accumulated weight in [0, 1]."""
-    weights: Tensor
-    """(r, s - 1) of the intervals between samples."""
-    midpoints: Tensor
-    """(r, s - 1) distances of the midpoints of the intervals."""
+    colour: Float[Tensor, "rays 3"]
+    """RGB."""
+    depth: Float[Tensor, " rays"]
+    """Expected distance along the ray, metres; of what is opaque."""
+    opacity: Float[Tensor, " rays"]
+    """Accumulated weight in [0, 1]."""
+    weights: Float[Tensor, "rays intervals"]
+    """Of the intervals between samples."""
+    midpoints: Float[Tensor, "rays intervals"]
+    """Distances of the midpoints of the intervals, metres."""
 
 
-def cut_to_workspace(origins: Tensor, directions: Tensor, workspace: Workspace) -> Rays:
+def cut_to_workspace(
+    origins: Float[Tensor, "rays 3"], directions: Float[Tensor, "rays 3"], workspace: Workspace
+) -> Rays:
     """Rays limited to the cube, from 2 cm under the table upwards (slab test)."""
     low = origins.new_tensor([0.0, 0.0, workspace.table_height - 0.02])
     high = torch.full_like(low, workspace.size)
@@ -59,8 +62,10 @@ def cut_to_workspace(origins: Tensor, directions: Tensor, workspace: Workspace) 
     return Rays(origins, directions, near, far)
 
 
-def neus_alpha(sdf: Tensor, sharpness: Tensor) -> Tensor:
-    """Opacity (r, s - 1) of the intervals between samples with signed distances (r, s) in metres.
+def neus_alpha(
+    sdf: Float[Tensor, "rays samples"], sharpness: Float[Tensor, ""]
+) -> Float[Tensor, "rays samples-1"]:
+    """Opacity of the intervals between samples with signed distances in metres.
 
     alpha = max(0, (Phi(f_i) - Phi(f_i+1)) / Phi(f_i)) with Phi(f) = sigmoid(sharpness f): Eq. 13 of NeuS.
     `sharpness` is in 1 / metre.
@@ -70,16 +75,23 @@ def neus_alpha(sdf: Tensor, sharpness: Tensor) -> Tensor:
     return ((before - after) / (before + 1e-6)).clamp(0, 1)
 
 
-def ray_weights(sdf: Tensor, sharpness: Tensor) -> Tensor:
-    """Weight (r, s - 1) of each interval: its opacity times what gets through to it; sdf (r, s) in metres."""
+def ray_weights(
+    sdf: Float[Tensor, "rays samples"], sharpness: Float[Tensor, ""]
+) -> Float[Tensor, "rays samples-1"]:
+    """Weight of each interval: its opacity times what gets through to it; sdf in metres."""
     alpha = neus_alpha(sdf, sharpness)
     through = torch.cumprod(1 - alpha + 1e-7, dim=1)
     transmittance = torch.cat([torch.ones_like(through[:, :1]), through[:, :-1]], dim=1)
     return alpha * transmittance
 
 
-def composite(sdf: Tensor, colour: Tensor, distances: Tensor, sharpness: Tensor) -> Rendered:
-    """Accumulates along rays: distances, sdf (r, s) in metres, colour (r, s, 3)."""
+def composite(
+    sdf: Float[Tensor, "rays samples"],
+    colour: Float[Tensor, "rays samples 3"],
+    distances: Float[Tensor, "rays samples"],
+    sharpness: Float[Tensor, ""],
+) -> Rendered:
+    """Accumulates along rays: distances and sdf in metres."""
     weights = ray_weights(sdf, sharpness)
     midpoints = (distances[:, 1:] + distances[:, :-1]) / 2
     opacity = weights.sum(1)
@@ -89,8 +101,10 @@ def composite(sdf: Tensor, colour: Tensor, distances: Tensor, sharpness: Tensor)
     return Rendered(rgb, depth, opacity, weights, midpoints)
 
 
-def stratified_samples(rays: Rays, num: int, generator: torch.Generator | None) -> Tensor:
-    """Distances (r, num) from near to far: evenly, or jittered within even strata if a generator is given."""
+def stratified_samples(
+    rays: Rays, num: int, generator: torch.Generator | None
+) -> Float[Tensor, "rays {num}"]:
+    """Distances from near to far: evenly, or jittered within even strata if a generator is given."""
     count = len(rays.near)
     if generator is None:
         fractions = torch.linspace(0, 1, num, device=rays.near.device).expand(count, num)
@@ -101,9 +115,12 @@ def stratified_samples(rays: Rays, num: int, generator: torch.Generator | None) 
 
 
 def importance_samples(
-    distances: Tensor, weights: Tensor, num: int, generator: torch.Generator | None
-) -> Tensor:
-    """New sorted distances (r, num) where the weights (r, s - 1) of the intervals lie (inverse CDF)."""
+    distances: Float[Tensor, "rays samples"],
+    weights: Float[Tensor, "rays samples-1"],
+    num: int,
+    generator: torch.Generator | None,
+) -> Float[Tensor, "rays {num}"]:
+    """New sorted distances where the weights of the intervals lie (inverse CDF)."""
     density = weights.detach() + 1e-3
     cdf = torch.cumsum(density / density.sum(1, keepdim=True), dim=1)
     cdf = torch.cat([torch.zeros_like(cdf[:, :1]), cdf], dim=1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 import torch.nn.functional as F
 from einops import rearrange
+from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from neugrasp.geometry.sampling import InterpolationIndex, LookupTable
@@ -13,8 +14,10 @@ from neugrasp.model.config import ModelConfig
 from neugrasp.model.norm import GroupNorm
 
 
-def masked_mean_and_variance(features: Tensor, seen: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean and variance (p, c) over the views of features (n, p, c) where `seen` (n, p); 0 where none is."""
+def masked_mean_and_variance(
+    features: Float[Tensor, "views points channels"], seen: Bool[Tensor, "views points"]
+) -> tuple[Float[Tensor, "points channels"], Float[Tensor, "points channels"]]:
+    """Mean and variance over the views of features where `seen`; 0 where none is."""
     weights = (seen / seen.sum(0, keepdim=True).clamp(min=1)).unsqueeze(-1)
     mean = (weights * features).sum(0)
     return mean, (weights * (features - mean).square()).sum(0)
@@ -41,7 +44,7 @@ class _Up(nn.Module):
 
 
 class VolumeNet(nn.Module):
-    """Per-view features at the voxels -> a prior volume (volume_dim, x, y, z).
+    """Per-view features at the voxels -> a prior volume.
 
     The paper's network with group normalisation in place of batch normalisation (a step sees one scene, and
     both priors go through the same weights) and nearest upsampling in place of transposed convolutions.
@@ -61,10 +64,15 @@ class VolumeNet(nn.Module):
         self.up3, self.up2, self.up1 = _Up(d, c), _Up(c, b), _Up(b, a)
         self.out = nn.Conv3d(a, volume, 3, 1, 1)
 
-    def forward(self, maps: tuple[Tensor, ...], voxels: InterpolationIndex, seen: Tensor) -> Tensor:
-        """Volumes (k, c, r, r, r), one for each of k maps (n, dim, h, w) of n views.
+    def forward(
+        self,
+        maps: tuple[Float[Tensor, "views channels height width"], ...],
+        voxels: InterpolationIndex,
+        seen: Bool[Tensor, "views voxels"],
+    ) -> Float[Tensor, "{len(maps)} out r r r"]:
+        """Volumes, one for each of the maps.
 
-        `voxels` (n, r^3) are the places of the voxels [x, y, z] in the maps; `seen` (n, r^3).
+        `voxels` (views, voxels) are the places of the voxels [x, y, z] in the maps.
         """
         tables = [LookupTable.of_maps(one) for one in maps]
 

@@ -34,7 +34,10 @@ def write_weights(
     half: bool = False,
     more: Mapping[str, str] | None = None,
 ) -> None:
-    """Writes weights of the format `kind` whole or not at all; `half` stores float16, for shipping."""
+    """Writes weights of the format `kind` whole or not at all; `half` stores float16, for shipping.
+
+    Raises `WriteError` where the file cannot be written.
+    """
     tensors = {
         name: (tensor.half() if half else tensor.float()).detach().cpu().contiguous()
         for name, tensor in state.items()
@@ -101,7 +104,7 @@ def _check_version(path: Path, version: str) -> None:
 
 
 def described(path: Path, metadata: dict[str, str], entry: str) -> Fields:
-    """The JSON object in the metadata."""
+    """The JSON object in the metadata. Raises `InputError` where there is none."""
     if entry not in metadata:
         raise InputError(f"{path}: not NeuGrasp weights (no {entry} in its metadata)")
     where = f"{path}: {entry}"
