@@ -9,7 +9,8 @@ import torch
 from scipy.special import expit
 from torch import Tensor
 
-from neugrasp.detection.decode import Grid, Prediction
+from neugrasp.detection.decode import Prediction
+from neugrasp.geometry.fusion import Grid
 from neugrasp.geometry.symmetry import SYMMETRIES, Symmetry
 from neugrasp.model.grasp_head import GraspVolume, half_turned, unit
 
@@ -21,7 +22,7 @@ def predict_grasps(
     device: str | torch.device = "cpu",
     symmetries: tuple[Symmetry, ...] = SYMMETRIES,
 ) -> Prediction:
-    """What `head` says of a TSDF (r, r, r) in [-1, 1]: the mean of its answers for the grid in eight poses.
+    """What `head` says of a TSDF in [-1, 1]: the mean of its answers for the grid in eight poses.
 
     Nothing in a scene tells these poses apart, but a convolution does: its errors differ from pose to pose,
     and most of them cancel. The means are of logits, of widths, and of rotations about the first pose's, each

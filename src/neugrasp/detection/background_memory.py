@@ -6,6 +6,7 @@ from collections.abc import Callable
 from threading import Lock
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 CELLS = 4
@@ -26,8 +27,10 @@ class BackgroundMemory:
         self._kept: list[tuple[Tensor, Tensor]] = []
         self._lock = Lock()
 
-    def maps(self, backgrounds: Tensor, encode: Callable[[Tensor], Tensor]) -> Tensor:
-        """The feature maps of backgrounds (n, 3, s, s), made by `encode` where they are not known."""
+    def maps(
+        self, backgrounds: Float[Tensor, "views 3 size size"], encode: Callable[[Tensor], Tensor]
+    ) -> Float[Tensor, "views channels height width"]:
+        """The feature maps of backgrounds, made by `encode` where they are not known."""
         with self._lock:
             known = list(self._kept)
         found = next((pair for pair in known if _same(pair[0], backgrounds)), None)

@@ -8,13 +8,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Bool, Float
 from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
 from neugrasp.detection.hand_check import hand_points
 from neugrasp.geometry.fusion import Grid
-from neugrasp.geometry.pose import Array
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
 
@@ -46,14 +45,14 @@ FEW = 0.015
 class SurfaceCloud:
     """Where a grid changes its sign above the table."""
 
-    points: Array
-    """(n, 3), workspace frame, metres."""
-    normals: Array
-    """(n, 3), unit, outwards."""
+    points: Float[np.ndarray, "n 3"]
+    """Workspace frame, metres."""
+    normals: Float[np.ndarray, "n 3"]
+    """Unit, outwards."""
 
 
 def surface_cloud(tsdf: Grid, workspace: Workspace) -> SurfaceCloud:
-    """A point on each edge of the grid (r, r, r) whose ends have different signs, where objects may be.
+    """A point on each edge of the grid whose ends have different signs, where objects may be.
 
     That is above the table, up to the workspace's `photo_height`, and `BORDER` from the sides.
     """
@@ -84,11 +83,15 @@ class Candidates:
     def __init__(self, gripper: Gripper):
         self.gripper = gripper
         skin = hand_points(gripper, FEW)
-        self.hand = skin[np.unique(np.round(skin / FEW), axis=0, return_index=True)[1]]
-        """(n, 3), grasp frame: few points, for a first look."""
+        self.hand: Float[np.ndarray, "n 3"] = skin[
+            np.unique(np.round(skin / FEW), axis=0, return_index=True)[1]
+        ]
+        """Grasp frame, metres: few points, for a first look."""
 
-    def draw(self, tsdf: Grid, workspace: Workspace, rng: np.random.Generator, count: int) -> Array:
-        """TCP poses (k, 4, 4) in the workspace frame, k <= `count`, of grasps whose hand comes through.
+    def draw(
+        self, tsdf: Grid, workspace: Workspace, rng: np.random.Generator, count: int
+    ) -> Float[np.ndarray, "k 4 4"]:
+        """TCP poses in the workspace frame, k <= `count`, of grasps whose hand comes through.
 
         Half of what is drawn are antipodal pairs. Fewer, or none, come back where little is free.
         """
@@ -104,8 +107,10 @@ class Candidates:
         poses = rng.permutation(poses)
         return poses[self.comes_through(tsdf, workspace, poses)][:count]
 
-    def around(self, poses: Array, rng: np.random.Generator, each: int) -> Array:
-        """So many poses (n each, 4, 4) around each of the TCP poses (n, 4, 4): turned, and moved a little.
+    def around(
+        self, poses: Float[np.ndarray, "k 4 4"], rng: np.random.Generator, each: int
+    ) -> Float[np.ndarray, "k*{each} 4 4"]:
+        """So many poses around each of the TCP poses: turned, and moved a little.
 
         By some 6 deg about x and y, 14 deg about the approach, 4 mm, and 7 mm along the approach.
         """
@@ -117,8 +122,10 @@ class Candidates:
         moved[:, :3, :3] = moved[:, :3, :3] @ turns
         return moved
 
-    def comes_through(self, tsdf: Grid, workspace: Workspace, poses: Array) -> NDArray[np.bool_]:
-        """Whether (n,) the few points of the hand stay out of the surface and of the table."""
+    def comes_through(
+        self, tsdf: Grid, workspace: Workspace, poses: Float[np.ndarray, "k 4 4"]
+    ) -> Bool[np.ndarray, " k"]:
+        """Whether the few points of the hand stay out of the surface and of the table."""
         if not len(poses):
             return np.zeros(0, np.bool_)
         placed = np.matmul(
@@ -131,12 +138,12 @@ class Candidates:
         index = np.where(inside[..., None], index, 0)
         values = tsdf[index[..., 0], index[..., 1], index[..., 2]]
         free = np.where(inside, values, 1.0).min(axis=1) > SINK
-        reached: NDArray[np.bool_] = free & (lowest > workspace.table_height + TIP_ABOVE_TABLE)
+        reached: np.ndarray = free & (lowest > workspace.table_height + TIP_ABOVE_TABLE)
         return reached & (poses[:, 2, 2] < -STEEPEST)
 
     def _antipodal(
         self, tsdf: Grid, workspace: Workspace, start: SurfaceCloud, rng: np.random.Generator
-    ) -> Array:
+    ) -> Float[np.ndarray, "k 4 4"]:
         """The TCP midway between two surfaces, closing from one to the other."""
         count = len(start.points)
         closing = _unit(-start.normals + np.tan(SPREAD) * rng.normal(size=(count, 3)) / np.sqrt(2))
@@ -153,7 +160,7 @@ class Candidates:
         depth = rng.uniform(-0.02, 0.02, (len(points), 1))
         return _poses(points + closing * width[:, None] / 2 + depth * approach, closing, approach)
 
-    def _normal(self, start: SurfaceCloud, rng: np.random.Generator) -> Array:
+    def _normal(self, start: SurfaceCloud, rng: np.random.Generator) -> Float[np.ndarray, "k 4 4"]:
         """The approach along the inward normal or tilted off it, any yaw, any depth the fingers reach."""
         count = len(start.points)
         across = _unit(np.cross(start.normals, rng.normal(size=(count, 3))))
@@ -169,8 +176,14 @@ def _some(cloud: SurfaceCloud, rng: np.random.Generator, count: int) -> SurfaceC
     return SurfaceCloud(cloud.points[chosen], cloud.normals[chosen])
 
 
-def _through(tsdf: Grid, workspace: Workspace, start: Array, along: Array, reach: float) -> Array:
-    """Metres (n,) from points on a surface through matter to where it ends; infinite beyond `reach`."""
+def _through(
+    tsdf: Grid,
+    workspace: Workspace,
+    start: Float[np.ndarray, "n 3"],
+    along: Float[np.ndarray, "n 3"],
+    reach: float,
+) -> Float[np.ndarray, " n"]:
+    """Metres from points on a surface through matter to where it ends; infinite beyond `reach`."""
     step = workspace.voxel_size / 3
     distances = np.arange(1, int(reach / step) + 1) * step
     places = (start[:, None] + distances[:, None] * along[:, None]) / workspace.voxel_size - 0.5
@@ -178,22 +191,24 @@ def _through(tsdf: Grid, workspace: Workspace, start: Array, along: Array, reach
     outside = values > 0
     outside[:, :2] = False
     first = outside.argmax(axis=1)
-    width: Array = np.where(outside.any(axis=1), distances[first] - step / 2, np.inf)
+    width: np.ndarray = np.where(outside.any(axis=1), distances[first] - step / 2, np.inf)
     return width
 
 
-def _between(grid: Grid, places: Array) -> Array:
-    """Trilinear values (n,) at fractional indices (n, 3)."""
-    values: Array = map_coordinates(grid, places.T, order=1, mode="nearest")
+def _between(grid: Grid, places: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+    """Trilinear values at fractional indices."""
+    values: np.ndarray = map_coordinates(grid, places.T, order=1, mode="nearest")
     return values
 
 
-def _unit(vectors: Array) -> Array:
-    unit: Array = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9)
+def _unit(vectors: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
+    unit: np.ndarray = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9)
     return unit
 
 
-def _poses(positions: Array, closing: Array, approach: Array) -> Array:
+def _poses(
+    positions: Float[np.ndarray, "k 3"], closing: Float[np.ndarray, "k 3"], approach: Float[np.ndarray, "k 3"]
+) -> Float[np.ndarray, "k 4 4"]:
     poses = np.zeros((len(positions), 4, 4))
     poses[:, :3, 0] = np.cross(closing, approach)
     poses[:, :3, 1], poses[:, :3, 2], poses[:, :3, 3] = closing, approach, positions

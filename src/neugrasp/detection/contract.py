@@ -9,10 +9,10 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Float
 
 from neugrasp.data.fields import Fields
 from neugrasp.data.whole_or_nothing import whole_or_nothing
@@ -44,8 +44,8 @@ class Detection:
     workspace: Workspace
     gripper: Gripper
     """The gripper that they are for."""
-    tsdf: NDArray[np.float32] | None = None
-    """(r, r, r) in [-1, 1], indexed [x, y, z] in the workspace frame; None: the detector has no surface."""
+    tsdf: Float[np.ndarray, "r r r"] | None = None
+    """In [-1, 1], indexed [x, y, z] in the workspace frame; None: the detector has no surface."""
     rejected: Mapping[str, int] = field(default_factory=dict)
     """How many candidates each rule rejected."""
     best_rejected: float | None = None
@@ -76,7 +76,7 @@ class Detection:
             return None
         return png(detection_picture(self.tsdf, self.workspace, self.grasps, self.gripper))
 
-    def grid(self) -> NDArray[np.float32]:
+    def grid(self) -> Float[np.ndarray, "r r r"]:
         """The `tsdf`. Raises `InputError` where the detector has no surface."""
         if self.tsdf is None:
             raise InputError(
@@ -146,6 +146,7 @@ class Detection:
         files.write_json(folder / "grasps.json", self.to_dict())
 
 
+@runtime_checkable
 class Detector(Protocol[Seen]):
     """Anything that finds grasps. What it may see is the type of its argument: `Observation`, or, for
     measuring sticks, `Truth`. One detector serves many threads and many cells."""
@@ -169,7 +170,7 @@ class Stopwatch:
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
 
 
-def _grid(given: Fields, workspace: Workspace) -> NDArray[np.float32]:
+def _grid(given: Fields, workspace: Workspace) -> np.ndarray:
     shape = (workspace.resolution,) * 3
     size = 4 * workspace.resolution**3
     try:

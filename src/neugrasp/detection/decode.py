@@ -10,17 +10,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float, Float32, Float64, Int64
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from neugrasp.detection.contract import Detection
 from neugrasp.detection.hand_check import HandCheck
-from neugrasp.geometry.pose import Array, from_quaternion, to_quaternion
+from neugrasp.geometry.fusion import Grid
+from neugrasp.geometry.pose import from_quaternion, to_quaternion
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp, Grasps
 from neugrasp.gripper import Gripper
-
-Grid = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -47,14 +47,14 @@ class SelectionConfig:
 class Prediction:
     """What the network says of every voxel, as arrays [x, y, z] in the workspace frame."""
 
-    tsdf: Grid
-    """(r, r, r) in [-1, 1]."""
-    quality: Grid
-    """(r, r, r) in [0, 1]."""
-    rotation: Grid
-    """(4, r, r, r) quaternion xyzw."""
-    width: Grid
-    """(r, r, r) voxels."""
+    tsdf: Float32[np.ndarray, "r r r"]
+    """In [-1, 1]."""
+    quality: Float32[np.ndarray, "r r r"]
+    """In [0, 1]."""
+    rotation: Float32[np.ndarray, "4 r r r"]
+    """Quaternion xyzw."""
+    width: Float32[np.ndarray, "r r r"]
+    """Voxels."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Selection:
         )
 
 
-def near_surface(tsdf: Grid, config: SelectionConfig) -> NDArray[np.bool_]:
+def near_surface(tsdf: Grid, config: SelectionConfig) -> Bool[np.ndarray, "r r r"]:
     """Voxels where a grasp point may lie: outside, or just under what is outside, but not inside."""
     outside = tsdf > 0
     inside = (tsdf > config.inside[0]) & (tsdf < config.inside[1])
@@ -127,7 +127,7 @@ def select_grasps(
     order = np.argsort(-quality[alive], kind="stable")
     grasps = tuple(
         decode_grasp(
-            workspace, gripper, tuple(index), prediction.rotation[(slice(None), *index)],
+            workspace, gripper, tuple(index.tolist()), prediction.rotation[(slice(None), *index)],
             float(width[tuple(index)]), float(quality[tuple(index)]),
         )
         for index in indices[order]
@@ -153,7 +153,7 @@ def decode_grasp(
     workspace: Workspace,
     gripper: Gripper,
     index: tuple[int, ...],
-    quaternion_xyzw: NDArray[np.floating],
+    quaternion_xyzw: Float[np.ndarray, " 4"],
     width: float,
     score: float,
 ) -> Grasp:
@@ -162,7 +162,9 @@ def decode_grasp(
     return Grasp(pose, width, score).advanced(gripper.tcp_depth)
 
 
-def encode_grasp(workspace: Workspace, gripper: Gripper, grasp: Grasp) -> tuple[np.ndarray, Array, float]:
+def encode_grasp(
+    workspace: Workspace, gripper: Gripper, grasp: Grasp
+) -> tuple[Int64[np.ndarray, " 3"], Float64[np.ndarray, " 4"], float]:
     """The inverse of `decode_grasp`: voxel index of the grasp point, quaternion xyzw, width in voxels."""
     point = grasp.advanced(-gripper.tcp_depth).position
     return workspace.index_of(point), to_quaternion(grasp.pose), grasp.width / workspace.voxel_size

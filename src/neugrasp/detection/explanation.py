@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from neugrasp.grasp import Grasps
 
 
+@runtime_checkable
 class Told(Protocol):
     """What is said of a `Detection`."""
 

@@ -8,7 +8,7 @@ where the hand would end up is plain geometry, and the surface is there already.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from jaxtyping import Bool, Float, Float32
 from scipy.ndimage import map_coordinates
 from scipy.spatial import ConvexHull
 
@@ -40,21 +40,27 @@ class HandCheck:
         self.least_room = room
         """Metres by which a hand goes deeper than the network said where it holds more than a rim."""
         self.finger_depth = gripper.finger_depth
-        self.hand: Array = hand_points(gripper, FINGER_SPACING, PALM_SPACING)
-        """(n, 3), grasp frame, metres."""
-        self.between: Array = _between_pads(gripper)
-        """(m, 3), grasp frame, metres."""
+        self.hand: Float[np.ndarray, "n 3"] = hand_points(gripper, FINGER_SPACING, PALM_SPACING)
+        """Grasp frame, metres."""
+        self.between: Float[np.ndarray, "m 3"] = _between_pads(gripper)
+        """Grasp frame, metres."""
 
-    def clearance(self, tsdf: Grid, workspace: Workspace, poses: Array) -> Grid:
-        """Least value (k,) of the grid that the open hand meets at TCP poses (k, 4, 4), workspace frame."""
+    def clearance(
+        self, tsdf: Grid, workspace: Workspace, poses: Float[np.ndarray, "k 4 4"]
+    ) -> Float32[np.ndarray, " k"]:
+        """Least value of the grid that the open hand meets at TCP poses, workspace frame."""
         return np.asarray(_read(tsdf, workspace, poses, self.hand).min(axis=1))
 
-    def grip(self, tsdf: Grid, workspace: Workspace, poses: Array) -> Array:
-        """Part (k,) of the space between the pads that is inside something, at TCP poses (k, 4, 4)."""
+    def grip(
+        self, tsdf: Grid, workspace: Workspace, poses: Float[np.ndarray, "k 4 4"]
+    ) -> Float[np.ndarray, " k"]:
+        """Part of the space between the pads that is inside something, at TCP poses."""
         return np.asarray((_read(tsdf, workspace, poses, self.between) < 0).mean(axis=1))
 
-    def room(self, tsdf: Grid, workspace: Workspace, poses: Array) -> Array:
-        """How much farther (k,), metres, the open hand can go from TCP poses (k, 4, 4) before it touches.
+    def room(
+        self, tsdf: Grid, workspace: Workspace, poses: Float[np.ndarray, "k 4 4"]
+    ) -> Float[np.ndarray, " k"]:
+        """How much farther, metres, the open hand can go from TCP poses before it touches.
 
         Labels come from any depth at which something is held, so the network's depth is the middle of what
         works; what is held deeper slips less (docs/training_log.md). No tolerance here: a hand is moved only
@@ -66,15 +72,17 @@ class HandCheck:
         return STEP * np.maximum(np.cumprod(free, axis=0).sum(axis=0) - 1, 0)
 
     def passes(
-        self, tsdf: Grid, workspace: Workspace, poses: Array
-    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Whether the hand would hold anything at TCP poses (k, 4, 4), and whether it gets there."""
+        self, tsdf: Grid, workspace: Workspace, poses: Float[np.ndarray, "k 4 4"]
+    ) -> tuple[Bool[np.ndarray, " k"], Bool[np.ndarray, " k"]]:
+        """Whether the hand would hold anything at TCP poses, and whether it gets there."""
         holds = self.grip(tsdf, workspace, poses) >= self.least_grip
         return holds, self.clearance(tsdf, workspace, poses) > self.least_clearance
 
 
-def hand_points(gripper: Gripper, spacing: float, palm_spacing: float | None = None) -> Array:
-    """Points (n, 3) on the skin of the open hand in the grasp frame, about `spacing` metres apart."""
+def hand_points(
+    gripper: Gripper, spacing: float, palm_spacing: float | None = None
+) -> Float[np.ndarray, "n 3"]:
+    """Points on the skin of the open hand in the grasp frame, about `spacing` metres apart."""
     mount = np.array([0.0, gripper.max_opening / 2, gripper.finger_mount])
     fingers = [_skin(hull, spacing) + mount for hull in gripper.finger.hulls]
     turned = [points * [-1, -1, 1] for points in fingers]
@@ -83,11 +91,11 @@ def hand_points(gripper: Gripper, spacing: float, palm_spacing: float | None = N
     return points
 
 
-def _read(tsdf: Grid, workspace: Workspace, poses: Array, points: Array) -> Grid:
+def _read(tsdf: Grid, workspace: Workspace, poses: Array, points: Array) -> np.ndarray:
     """The grid (k, n) at points (n, 3) of poses (k, 4, 4); what lies outside the cube is free."""
     placed = points @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3]
     index = placed.reshape(-1, 3).T / workspace.voxel_size - 0.5
-    values: Grid = map_coordinates(tsdf, index, np.float32, order=1, mode="constant", cval=1.0)
+    values: np.ndarray = map_coordinates(tsdf, index, np.float32, order=1, mode="constant", cval=1.0)
     return values.reshape(len(poses), len(points))
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from jaxtyping import Float, Float32
 
 from neugrasp.detection.candidates import Candidates
 from neugrasp.detection.decode import Selection
@@ -17,7 +17,6 @@ from neugrasp.detection.options import DetectorOptions
 from neugrasp.detection.registry import weights_facts
 from neugrasp.errors import InputError
 from neugrasp.geometry.fusion import Grid
-from neugrasp.geometry.pose import Array
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper, gripper_hash
@@ -82,9 +81,11 @@ class Judge:
         config = JudgeConfig(threshold=float(noted if threshold is None else threshold))
         return cls(found.model(), Gripper.load(gripper), config)
 
-    def find(self, tsdf: Grid, workspace: Workspace, others: Array | None = None) -> Selection:
-        """Grasps in the workspace frame, best first; the same grid gives the same. `others` (n, 4, 4) are
-        poses to be judged besides, such as the peaks of the grasp head."""
+    def find(
+        self, tsdf: Grid, workspace: Workspace, others: Float[np.ndarray, "n 4 4"] | None = None
+    ) -> Selection:
+        """Grasps in the workspace frame, best first; the same grid gives the same. `others` are poses to
+        be judged besides, such as the peaks of the grasp head."""
         config, rng = self.config, np.random.default_rng(zlib.crc32(np.ascontiguousarray(tsdf).tobytes()))
         fine = FineGrid.of(torch.from_numpy(np.asarray(tsdf, np.float32)), workspace)
         poses = self.candidates.draw(tsdf, workspace, rng, config.draws)
@@ -115,20 +116,26 @@ class Judge:
 
     @torch.no_grad()
     def probabilities(
-        self, fine: FineGrid, workspace: Workspace, poses: Array, symmetric: bool = False
-    ) -> NDArray[np.float32]:
-        """What the network says (k,) of TCP poses (k, 4, 4); `symmetric` is the mean over mirror images."""
+        self,
+        fine: FineGrid,
+        workspace: Workspace,
+        poses: Float[np.ndarray, "k 4 4"],
+        symmetric: bool = False,
+    ) -> Float32[np.ndarray, " k"]:
+        """What the network says of TCP poses; `symmetric` is the mean over mirror images."""
         told = torch.from_numpy(poses.astype(np.float32))
         ask = self.network.symmetric if symmetric else self.network
-        said: NDArray[np.float32] = (
+        said: np.ndarray = (
             ask(boxes(fine, told), numbers(told, workspace)).sigmoid().numpy()
             if len(poses)
             else np.zeros(0, np.float32)
         )
         return said
 
-    def widths(self, tsdf: Grid, workspace: Workspace, poses: Array) -> Array:
-        """How wide (k,), metres, what lies between the pads is: from before the first place inside to after
+    def widths(
+        self, tsdf: Grid, workspace: Workspace, poses: Float[np.ndarray, "k 4 4"]
+    ) -> Float[np.ndarray, " k"]:
+        """How wide, metres, what lies between the pads is: from before the first place inside to after
         the last; 0 where nothing lies there."""
         half = self.gripper.max_opening / 2
         y = np.linspace(-half, half, OPENING_POINTS)
@@ -137,7 +144,7 @@ class Judge:
         index = np.clip(workspace.index_of(places), 0, workspace.resolution - 1)
         inside = np.any(tsdf[index[..., 0], index[..., 1], index[..., 2]] < 0, axis=1)
         first, last = inside.argmax(axis=1), len(y) - 1 - inside[:, ::-1].argmax(axis=1)
-        found: Array = np.where(inside.any(axis=1), y[last] - y[first] + y[1] - y[0], 0.0)
+        found: np.ndarray = np.where(inside.any(axis=1), y[last] - y[first] + y[1] - y[0], 0.0)
         return found
 
 
@@ -150,8 +157,10 @@ def judge_facts(options: DetectorOptions, workspace: Workspace) -> dict[str, Any
     return {**told, "judge": judge, "threshold": judge["threshold"]}
 
 
-def apart(poses: Array, said: NDArray[np.floating], distance: float, most: int) -> list[int]:
-    """Numbers of at most so many poses (k, 4, 4), best first, no two TCPs nearer than `distance` metres.
+def apart(
+    poses: Float[np.ndarray, "k 4 4"], said: Float[np.ndarray, " k"], distance: float, most: int
+) -> list[int]:
+    """Numbers of at most so many poses, best first, no two TCPs nearer than `distance` metres.
 
     Those that were given 0 are left out.
     """

@@ -48,7 +48,10 @@ Cone = tuple[float, float, float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class Steering:
-    """What a grasp must satisfy besides; everything in the world of the scene."""
+    """What a grasp must satisfy besides; everything in the world of the scene.
+
+    Raises `InputError` on a region, a cone, a height or a number of grasps that cannot be meant.
+    """
 
     region: Box | None = None
     """Box in which the point between the fingertips must lie: x, y and z from, x, y and z to, metres."""

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from neugrasp.detection.options import Box
-from neugrasp.geometry.pose import Array, apply, inverse
+from neugrasp.geometry.pose import apply, inverse
 from neugrasp.geometry.workspace import Workspace
 
 ON_TABLE = 0.006
@@ -25,8 +26,8 @@ MARGIN = 0.01
 class Thing:
     """One thing."""
 
-    voxels: Array
-    """(n, 3) centres of the voxels inside of it, workspace frame, metres."""
+    voxels: Float[np.ndarray, "n 3"]
+    """Centres of the voxels inside of it, workspace frame, metres."""
 
     def distance(self, point: ArrayLike) -> float:
         """Metres from a point of the workspace frame to the nearest voxel."""
