@@ -6,13 +6,14 @@ import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from neugrasp.data.fields import Fields
 from neugrasp.data.strict_json import parse_json
 from neugrasp.errors import InputError
 
 
+@runtime_checkable
 class Logger(Protocol):
     """Somewhere that numbers go to."""
 
@@ -88,7 +89,7 @@ class JsonLines:
 
 
 class TensorBoard:
-    """Events in tensorboard/. Needs the extra `train`."""
+    """Events in tensorboard/. Raises `InputError` without the extra `train`."""
 
     def __init__(self, folder: Path, start: int):
         try:
@@ -108,7 +109,10 @@ class TensorBoard:
 
 
 class WandB:
-    """A run of Weights & Biases that bears the folder's name and goes on with it. Needs wandb."""
+    """A run of Weights & Biases that bears the folder's name and goes on with it.
+
+    Raises `InputError` where wandb is not installed.
+    """
 
     def __init__(self, folder: Path, about: Any):
         try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch
 import torch.nn.functional as F
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from neugrasp.change import OBJECT, TABLE
@@ -13,25 +14,33 @@ from neugrasp.model.grasp_head import GraspVolume, half_turned
 from neugrasp.model.rendering import Rays, Rendered
 from neugrasp.training.samples import LabelTensors
 
+Scalar = Float[Tensor, ""]
+
 CARVING_CLEARANCE = 0.006
 """Metres above the table from which on opacity counts as an object's."""
 
 
-def photometric_loss(rendered: Rendered, colour: Tensor, behind: Tensor) -> Tensor:
-    """Squared error summed over RGB, mean over rays; colour (r, 3) of the photo.
+def photometric_loss(
+    rendered: Rendered, colour: Float[Tensor, "rays 3"], behind: Float[Tensor, "rays 3"]
+) -> Scalar:
+    """Squared error summed over RGB, mean over rays; colour of the photo.
 
-    What gets through the whole workspace shows the empty scene `behind` it (r, 3).
+    What gets through the whole workspace shows the empty scene `behind` it.
     """
     seen = rendered.colour + (1 - rendered.opacity).clamp(min=0).unsqueeze(-1) * behind
     return (seen - colour).square().sum(-1).mean()
 
 
 def carving_loss(
-    weights: Tensor, midpoints: Tensor, rays: Rays, labels: Tensor, workspace: Workspace
-) -> Tensor:
+    weights: Float[Tensor, "rays intervals"],
+    midpoints: Float[Tensor, "rays intervals"],
+    rays: Rays,
+    labels: Int[Tensor, " rays"],
+    workspace: Workspace,
+) -> Scalar:
     """Cross-entropy of the opacity above the table, half for objects' pixels, half for the table's.
 
-    weights, midpoints (r, s - 1) of intervals along the rays; labels (r,) of `change_labels`.
+    Weights and midpoints (metres) are those of intervals along the rays; labels are of `change_labels`.
     """
     heights = rays.origins[:, 2:] + midpoints * rays.directions[:, 2:]
     above = (heights > workspace.table_height + CARVING_CLEARANCE).to(weights)
@@ -44,10 +53,12 @@ def carving_loss(
     return 0.5 * torch.stack(terms).sum() if terms else opacity.sum() * 0
 
 
-def table_loss(sdf: Tensor, rays: Rays, labels: Tensor, workspace: Workspace) -> Tensor:
+def table_loss(
+    sdf: Float[Tensor, "r r r"], rays: Rays, labels: Int[Tensor, " rays"], workspace: Workspace
+) -> Scalar:
     """Mean |sdf| where rays through pixels that show the table meet its plane, inside the cube.
 
-    sdf (r, r, r) in truncation units; labels (m,) of `change_labels`. Free space says where nothing is, and a
+    sdf in truncation units; labels of `change_labels`. Free space says where nothing is, and a
     table that has sunk is free space, too: only this keeps it in place.
     """
     distances = (workspace.table_height - rays.origins[:, 2]) / rays.directions[:, 2]
@@ -58,10 +69,10 @@ def table_loss(sdf: Tensor, rays: Rays, labels: Tensor, workspace: Workspace) ->
     return sample_volume(sdf.unsqueeze(0), workspace.to_unit(points)).abs().mean()
 
 
-def eikonal_loss(sdf: Tensor, seen: Tensor, workspace: Workspace) -> Tensor:
+def eikonal_loss(sdf: Float[Tensor, "r r r"], seen: Bool[Tensor, "r r r"], workspace: Workspace) -> Scalar:
     """Mean of (|gradient| - 1)^2 by differences on the grid, where the distance is not truncated.
 
-    sdf (r, r, r) in truncation units, so that lengths are metres over metres; `seen` (r, r, r) bool. The
+    sdf in truncation units, so that lengths are metres over metres. The
     square of a derivative is the mean of those to either neighbour: central differences would not see a
     pattern that alternates from voxel to voxel, and the network would find it.
     """
@@ -75,7 +86,9 @@ def eikonal_loss(sdf: Tensor, seen: Tensor, workspace: Workspace) -> Tensor:
     return ((norm - 1).square() * counts).sum() / counts.sum().clamp(min=1)
 
 
-def tsdf_loss(sdf: Tensor, truth: Tensor, observed: Tensor) -> Tensor:
+def tsdf_loss(
+    sdf: Float[Tensor, "x y z"], truth: Float[Tensor, "x y z"], observed: Bool[Tensor, "x y z"]
+) -> Scalar:
     """Smooth L1 of signed distances to the true TSDF where it was observed, mean over the observed voxels.
 
     Distances are not truncated but where the truth is 1: else a voxel once far on the wrong side of the
@@ -92,10 +105,15 @@ STEEPNESS = 4.0
 """The logit of being inside is -4 sdf: 0.88 half a truncation inside."""
 
 
-def distance_loss(sdf: Tensor, truth: Tensor, heights: Tensor, workspace: Workspace) -> Tensor:
+def distance_loss(
+    sdf: Float[Tensor, "columns r"],
+    truth: Float[Tensor, "columns r"],
+    heights: Float[Tensor, " r"],
+    workspace: Workspace,
+) -> Scalar:
     """Weighted smooth L1 (beta 0.1) of signed distances to those of the meshes, above the table.
 
-    sdf, truth (k, r) in truncation units; heights (r,) of the voxels, metres. Beyond the truncation there is
+    sdf and truth in truncation units; heights of the voxels, metres. Beyond the truncation there is
     no error on the right side of it.
     """
     beyond = ((truth >= 1) & (sdf > 1)) | ((truth <= -1) & (sdf < -1))
@@ -103,8 +121,13 @@ def distance_loss(sdf: Tensor, truth: Tensor, heights: Tensor, workspace: Worksp
     return _near_surface_mean(error, truth, heights, workspace)
 
 
-def occupancy_loss(sdf: Tensor, truth: Tensor, heights: Tensor, workspace: Workspace) -> Tensor:
-    """Weighted cross-entropy of being inside the meshes, above the table; shapes as in `distance_loss`.
+def occupancy_loss(
+    sdf: Float[Tensor, "columns r"],
+    truth: Float[Tensor, "columns r"],
+    heights: Float[Tensor, " r"],
+    workspace: Workspace,
+) -> Scalar:
+    """Weighted cross-entropy of being inside the meshes, above the table; units as in `distance_loss`.
 
     Unlike a regression it does not average an uncertain surface away.
     """
@@ -120,7 +143,7 @@ def _near_surface_mean(error: Tensor, truth: Tensor, heights: Tensor, workspace:
     return (weights * error).sum() / weights.sum().clamp(min=1)
 
 
-def grasp_loss(volume: GraspVolume, labels: list[LabelTensors]) -> Tensor:
+def grasp_loss(volume: GraspVolume, labels: list[LabelTensors]) -> Scalar:
     """Cross-entropy of the quality, plus rotation and 0.01 width^2 where a grasp succeeded (method.md C).
 
     One entry of `labels` for each grid of the volume. Successes and failures count half each, whatever
@@ -141,8 +164,10 @@ def _grasp_loss_of(volume: GraspVolume, grid: int, labels: LabelTensors) -> Tens
     return balanced + ((rotation + 0.01 * width) * success).sum() / positives
 
 
-def rotation_distance(predicted: Tensor, truth: Tensor) -> Tensor:
-    """1 - |q . q'| (p,) of unit quaternions xyzw (p, 4); a half turn about the approach costs nothing."""
+def rotation_distance(
+    predicted: Float[Tensor, "grasps 4"], truth: Float[Tensor, "grasps 4"]
+) -> Float[Tensor, " grasps"]:
+    """1 - |q . q'| of unit quaternions xyzw; a half turn about the approach costs nothing."""
     same = half_turned(truth)
     similarity = torch.maximum((predicted * truth).sum(1).abs(), (predicted * same).sum(1).abs())
     return 1 - similarity

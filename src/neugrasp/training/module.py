@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import torch
 import torch.nn.functional as F
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from neugrasp.change import TABLE
@@ -27,7 +28,7 @@ from neugrasp.training.losses import (
 )
 from neugrasp.training.samples import Photos, Sample, Truth, drop_views
 
-Losses = dict[str, Tensor]
+Losses = dict[str, Float[Tensor, ""]]
 
 CELL = 8
 """Pixels along a cell: what lies 8 to 16 pixels from an object still bounds its outline."""
@@ -39,6 +40,7 @@ def bfloat16_pays(device: torch.device) -> bool:
     return device.type != "cpu" or torch.backends.cpu.get_cpu_capability() == "AVX512"
 
 
+@runtime_checkable
 class NetworkLosses(Protocol):
     """What is minimised."""
 
@@ -88,7 +90,7 @@ def neugrasp_losses(
     return {"loss": total(losses, config), **losses}
 
 
-def total(losses: Losses, config: TrainConfig) -> Tensor:
+def total(losses: Losses, config: TrainConfig) -> Float[Tensor, ""]:
     """The weighted sum of the terms."""
     weights = config.weights
     terms = [getattr(weights, name) * value for name, value in losses.items() if getattr(weights, name)]
@@ -97,7 +99,7 @@ def total(losses: Losses, config: TrainConfig) -> Tensor:
 
 def head_loss(
     head: nn.Module, truths: Sequence[Truth], from_meshes: bool, generator: torch.Generator
-) -> Tensor:
+) -> Float[Tensor, ""]:
     """The grasp head alone, on true grids made imperfect the way predictions are.
 
     `from_meshes` takes the distance to the meshes where a scene has it, as `distance_loss` does.
@@ -109,8 +111,8 @@ def head_loss(
     return grasp_loss(volume, [truth.labels for truth in truths])
 
 
-def imperfect(tsdf: Tensor, generator: torch.Generator) -> Tensor:
-    """A TSDF (r, r, r) blurred by up to a voxel, with bumps of several voxels and a little noise."""
+def imperfect(tsdf: Float[Tensor, "r r r"], generator: torch.Generator) -> Float[Tensor, "r r r"]:
+    """A TSDF blurred by up to a voxel, with bumps of several voxels and a little noise."""
     resolution = tsdf.shape[0]
     most = torch.tensor([1.0, 0.25, 0.05])
     blur, bumps, noise = (torch.rand(3, generator=generator) * most).to(tsdf).unbind()
@@ -257,7 +259,7 @@ def _carve_grid(
 
 def choose_rays(
     model: NeuGrasp, photos: Photos, view: int, num: int, generator: torch.Generator
-) -> tuple[Rays, Tensor, Tensor]:
+) -> tuple[Rays, Int[Tensor, " rays"], Int[Tensor, " rays"]]:
     """Up to `num` rays of one view through the workspace, with their rows and columns.
 
     Half of them through pixels of objects and a band around them, half through any.

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from torch import nn
 
@@ -26,6 +26,7 @@ from neugrasp.training.validation import SurfaceNetwork, validate, validate_head
 GROUP = "neugrasp.networks"
 
 
+@runtime_checkable
 class HeldOut(Protocol):
     """Scenes that are not trained on."""
 

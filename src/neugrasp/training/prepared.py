@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Bool, Float, Int8, Shaped
 
 from neugrasp.data.grasp_scene import GraspScene
 from neugrasp.errors import InputError
@@ -22,13 +23,13 @@ class PreparedView:
     """A view as the network wants it, with the labels of what changed: they are slow to find."""
 
     view: View
-    """(s, s) photos; the camera in the workspace frame."""
-    changes: np.ndarray
-    """(s, s) int8 of `change_labels`."""
-    depth: np.ndarray | None = None
-    """(s, s) as in `Photos`."""
-    sensed: tuple[np.ndarray, np.ndarray] | None = None
-    """(s, s) each, as in `Sensor`."""
+    """Square photos; the camera in the workspace frame."""
+    changes: Int8[np.ndarray, "size size"]
+    """Of `change_labels`."""
+    depth: Float[np.ndarray, "size size"] | None = None
+    """As in `Photos`."""
+    sensed: tuple[Float[np.ndarray, "size size"], Bool[np.ndarray, "size size"]] | None = None
+    """As in `Sensor`."""
 
 
 def crop_views(scene: GraspScene, size: int) -> tuple[tuple[View, ...], tuple[View, ...]]:
@@ -59,8 +60,10 @@ def lent(
     return (*views[:at], *views[at + 1 :]), (views[at],)
 
 
-def depth_through(camera: Camera, photo: Camera, depth: np.ndarray) -> np.ndarray:
-    """The z-depths (h, w) of a photo as its crop with `camera` shows them: of the nearest pixel, else 0."""
+def depth_through(
+    camera: Camera, photo: Camera, depth: Shaped[np.ndarray, "height width"]
+) -> Shaped[np.ndarray, "{camera.height} {camera.width}"]:
+    """The z-depths of a photo as its crop with `camera` shows them: of the nearest pixel, else 0."""
     if camera.width == photo.width and np.array_equal(camera.intrinsics, photo.intrinsics):
         return depth
     rays = np.concatenate([camera.pixel_grid(), np.ones((camera.height, camera.width, 1))], axis=-1)

@@ -160,7 +160,10 @@ def recipe(name: str) -> TrainConfig:
 
 
 def configured(run: Train) -> TrainConfig:
-    """The recipe with the run's facts in it."""
+    """The recipe with the run's facts in it.
+
+    Raises `InputError` where the recipe needs weights to start from, or there is no step to make.
+    """
     config = replace(recipe(run.recipe), seed=run.seed)
     if config.patience and not run.init:
         raise InputError(

@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 import torch
+from jaxtyping import Bool, Float, Int8, Int64, Shaped
 from torch import Tensor
 
 from neugrasp.data.grasp_scene import GraspScene
@@ -31,14 +32,14 @@ HINTS = {
 class LabelTensors:
     """`GraspLabels` of one scene, as the loss reads them."""
 
-    index: Tensor
-    """(p, 3) voxel of the grasp point."""
-    quaternions: Tensor
-    """(p, 4) xyzw."""
-    widths: Tensor
-    """(p,) voxels."""
-    success: Tensor
-    """(p,) bool."""
+    index: Int64[Tensor, "grasps 3"]
+    """Voxel of the grasp point."""
+    quaternions: Float[Tensor, "grasps 4"]
+    """Orientations, xyzw."""
+    widths: Float[Tensor, " grasps"]
+    """Voxels."""
+    success: Bool[Tensor, " grasps"]
+    """Whether it held."""
 
     def to(self, device: torch.device | str) -> LabelTensors:
         """The same labels on another device."""
@@ -51,17 +52,19 @@ class Truth:
     """What came of grasps in a scene, and what a simulator knows of its surface; else there are no grids."""
 
     labels: LabelTensors
-    tsdf: Tensor | None = None
-    """(r, r, r); for the head's stage, the control recipe and validation. No other loss reads it."""
-    observed: Tensor | None = None
-    """(r, r, r) bool."""
-    distance: Tensor | None = None
-    """(r, r, r) signed distance of the meshes: what geometry supervision reads."""
-    fused: Tensor | None = None
-    """(g, r, r, r) grids fused from few views, in [0, 1]: what VGN reads."""
+    tsdf: Float[Tensor, "r r r"] | None = None
+    """In [-1, 1]; for the head's stage, the control recipe and validation. No other loss reads it."""
+    observed: Bool[Tensor, "r r r"] | None = None
+    """Voxels that a view saw."""
+    distance: Float[Tensor, "r r r"] | None = None
+    """Signed distance of the meshes, in truncation units: what geometry supervision reads."""
+    fused: Float[Tensor, "grids r r r"] | None = None
+    """Grids fused from few views, in [0, 1]: what VGN reads."""
 
-    def needed(self, name: Literal["tsdf", "observed", "distance", "fused"]) -> Tensor:
-        """A grid (..., r, r, r) that a loss cannot do without.
+    def needed(
+        self, name: Literal["tsdf", "observed", "distance", "fused"]
+    ) -> Shaped[Tensor, "*grids r r r"]:
+        """A grid that a loss cannot do without.
 
         Raises `InputError` where the scene lacks it.
         """
@@ -82,10 +85,10 @@ class Truth:
 class Sensor:
     """What a stereo sensor measured where photos were taken."""
 
-    measured: Tensor
-    """(n, s, s) z-depth, metres, 0 where nothing was measured."""
-    objects: Tensor
-    """(n, s, s) bool: pixels of objects."""
+    measured: Float[Tensor, "views size size"]
+    """z-depth, metres, 0 where nothing was measured."""
+    objects: Bool[Tensor, "views size size"]
+    """Pixels of objects."""
 
     def to(self, device: torch.device | str) -> Sensor:
         """The same on another device."""
@@ -97,10 +100,10 @@ class Photos:
     """Photos with the labels of what changed in them."""
 
     views: ViewTensors
-    changes: Tensor
-    """(n, s, s) int8 of `change_labels`."""
-    depths: Tensor | None = None
-    """(n, s, s) true z-depths, metres, 0 where there is no surface, of photos for which they are known: what
+    changes: Int8[Tensor, "views size size"]
+    """Of `change_labels`."""
+    depths: Float[Tensor, "views size size"] | None = None
+    """True z-depths, metres, 0 where there is no surface, of photos for which they are known: what
     supervision by depth reads."""
     sensor: Sensor | None = None
     """Where it is asked for."""

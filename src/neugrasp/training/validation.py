@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from jaxtyping import Float, Float32
 from torch import Tensor, nn
 
 from neugrasp.geometry.workspace import Workspace
@@ -41,6 +41,7 @@ class Scores:
         return {name: float(np.mean(values)) if values else float("nan") for name, values in kept.items()}
 
 
+@runtime_checkable
 class SurfaceNetwork(Protocol):
     """A network that makes a surface and grasps of photos, and can be rendered."""
 
@@ -53,11 +54,11 @@ class SurfaceNetwork(Protocol):
         """Surface and grasps."""
         ...
 
-    def render(self, scene: Any, rays: Rays, sharpness: Tensor) -> tuple[Rendered, Rendered]:
+    def render(self, scene: Any, rays: Rays, sharpness: Float[Tensor, ""]) -> tuple[Rendered, Rendered]:
         """Coarse and fine renderings of rays."""
         ...
 
-    def sharpness(self, scheduled: float, /) -> Tensor:
+    def sharpness(self, scheduled: float, /) -> Float[Tensor, ""]:
         """That of NeuS, in 1 / metre."""
         ...
 
@@ -80,8 +81,8 @@ def reconstruct(model: SurfaceNetwork, sample: Sample) -> tuple[Reconstruction[A
 @torch.no_grad()
 def render_view(
     model: SurfaceNetwork, reconstruction: Reconstruction[Any], photos: Photos, view: int, sharpness: float
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """The rendered view and the photo (h, w, 3) at every fourth pixel; rays that miss show the background."""
+) -> tuple[Float32[np.ndarray, "height width 3"], Float32[np.ndarray, "height width 3"]]:
+    """The rendered view and the photo at every fourth pixel; rays that miss show the background."""
     size = photos.views.images.shape[-1]
     axis = torch.arange(RENDER_STRIDE // 2, size, RENDER_STRIDE)
     row, column = torch.meshgrid(axis, axis, indexing="ij")
