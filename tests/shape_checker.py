@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
-from typing import Optional
+from collections.abc import Callable
+from typing import Any, get_args
 
-from beartype import BeartypeConf, FrozenDict, beartype
-from jaxtyping import install_import_hook
-from numpy.typing import ArrayLike
+from beartype import beartype
+from jaxtyping import AbstractArray, install_import_hook
 
 PACKAGES = tuple(
     f"neugrasp.{name}" for name in ("model", "kernels", "geometry", "training", "detection", "metrics")
 )
 """Where shapes are checked."""
 
-# An int may stand for a float. NumPy's `ArrayLike` is a union of protocols that refuses plain tuples; what it
-# lets in is checked by what comes out.
-check = beartype(
-    conf=BeartypeConf(
-        is_pep484_tower=True,
-        hint_overrides=FrozenDict({ArrayLike: object, Optional[ArrayLike]: object}),  # noqa: UP045
-    )
-)
-
 
 def install() -> None:
     """Checks whatever is imported from now on of the packages."""
     install_import_hook(PACKAGES, "shape_checker.check")
+
+
+def check(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function with its shapes checked at every call; other types are mypy's, and tests have doubles."""
+    for name, kind in function.__annotations__.items():
+        if not has_shape(kind):
+            function.__annotations__[name] = object
+    return beartype(function)
+
+
+def has_shape(kind: Any) -> bool:
+    """Whether a type is of arrays of a shape, or has such a part."""
+    is_array = isinstance(kind, type) and issubclass(kind, AbstractArray)
+    return is_array or any(map(has_shape, get_args(kind)))

@@ -38,3 +38,16 @@ def test_a_detector_by_name_by_weights_or_of_ones_own():
         ng.load_detector("nothing")
     with pytest.raises(TypeError, match="grippr"):
         ng.load_detector("neugrasp", grippr="panda")
+
+
+def test_importing_it_loads_neither_torch_nor_jaxtyping():
+    code = "import sys, neugrasp; sys.exit(bool({'torch', 'jaxtyping', 'numpy'} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_tests_alone_check_shapes():
+    code = (
+        "import sys, neugrasp.model.network, neugrasp.detection.detector, neugrasp.training.module\n"
+        "sys.exit('beartype' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 from neugrasp.data.captures import LABELS_FILE, is_capture, read_capture
 from neugrasp.data.grasp_scene import GraspScene
@@ -14,7 +14,6 @@ from neugrasp.data.shards import INDEX, Shards
 from neugrasp.errors import InputError
 
 
-@runtime_checkable
 class SceneSet(Protocol):
     """Random access to the scenes of a folder."""
 

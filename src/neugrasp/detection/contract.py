@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -146,7 +146,6 @@ class Detection:
         files.write_json(folder / "grasps.json", self.to_dict())
 
 
-@runtime_checkable
 class Detector(Protocol[Seen]):
     """Anything that finds grasps. What it may see is the type of its argument: `Observation`, or, for
     measuring sticks, `Truth`. One detector serves many threads and many cells."""

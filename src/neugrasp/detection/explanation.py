@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 from neugrasp.grasp import Grasps
 
 
-@runtime_checkable
 class Told(Protocol):
     """What is said of a `Detection`."""
 

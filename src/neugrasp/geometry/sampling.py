@@ -160,7 +160,7 @@ class CameraTensors:
 
     @classmethod
     def of(cls, cameras: tuple[Camera, ...] | list[Camera]) -> CameraTensors:
-        """From cameras already expressed in the workspace frame; raises ValueError on unequal sizes."""
+        """From cameras already expressed in the workspace frame. Raises `ValueError` on unequal sizes."""
         sizes = {(camera.width, camera.height) for camera in cameras}
         if len(sizes) != 1:
             raise ValueError(f"cameras of one batch must have one image size, got {sorted(sizes)}")

@@ -32,7 +32,8 @@ def surface_of(tsdf: ArrayLike, workspace: Workspace, offset: float = 0.0) -> Su
     """The surface in the workspace frame of a grid [x, y, z] in [-1, 1] (positive outside) by marching cubes;
     or what lies `offset` metres in front of it, less than a truncation.
 
-    Empty where the grid has no such place. The mesh is open at the faces of the cube.
+    Empty where the grid has no such place. The mesh is open at the faces of the cube. Raises `InputError`
+    where the grid contains NaN or infinity.
     """
     level = offset / workspace.truncation
     grid = np.asarray(tsdf, dtype=np.float32)

@@ -8,7 +8,7 @@ float32; products, and what is kept for the gradient, in the precision of the to
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol
 
 import torch
 from jaxtyping import Float
@@ -38,7 +38,6 @@ def attend(
     return attended
 
 
-@runtime_checkable
 class ViewLayer(Protocol):
     """A view transformer, as far as it matters here."""
 

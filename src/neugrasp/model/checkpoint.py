@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field, fields
 from functools import partial
 from importlib import resources
 from pathlib import Path
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import Any, Protocol, TypeVar
 
 from torch import Tensor, nn
 
@@ -51,7 +51,6 @@ class Checkpoint:
         return network.eval()
 
 
-@runtime_checkable
 class Described(Protocol):
     """A network that says what it is: what `save_checkpoint` writes down."""
 

@@ -6,14 +6,13 @@ import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 from neugrasp.data.fields import Fields
 from neugrasp.data.strict_json import parse_json
 from neugrasp.errors import InputError
 
 
-@runtime_checkable
 class Logger(Protocol):
     """Somewhere that numbers go to."""
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 from torch import nn
 
@@ -26,7 +26,6 @@ from neugrasp.training.validation import SurfaceNetwork, validate, validate_head
 GROUP = "neugrasp.networks"
 
 
-@runtime_checkable
 class HeldOut(Protocol):
     """Scenes that are not trained on."""
 

@@ -7,7 +7,7 @@ import os
 import re
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, cast, runtime_checkable
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, cast
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -28,7 +28,6 @@ Tensors = tuple[Tensor, ...] | list[Tensor]
 Net = TypeVar("Net", bound=nn.Module)
 
 
-@runtime_checkable
 class Course(Protocol):
     """What a learner must know of a configuration."""
 

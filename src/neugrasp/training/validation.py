@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -41,7 +41,6 @@ class Scores:
         return {name: float(np.mean(values)) if values else float("nan") for name, values in kept.items()}
 
 
-@runtime_checkable
 class SurfaceNetwork(Protocol):
     """A network that makes a surface and grasps of photos, and can be rendered."""
 
