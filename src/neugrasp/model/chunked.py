@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Shaped
 from torch import Tensor
 
 CPU_POINTS = 4096
@@ -19,7 +19,7 @@ Pieces = TypeVar("Pieces", bound=Sequence[Tensor])
 
 def map_chunked(
     function: Callable[[slice], tuple[Tensor, ...]], num: int, points_each: int, device: torch.device
-) -> tuple[Float[Tensor, " {num} *_"], ...]:
+) -> tuple[Shaped[Tensor, " {num} *_"], ...]:
     """What `function` gives for slices of `num` items of `points_each` points, joined along axis 0.
 
     Gradients pass through it to whatever the function reads.
