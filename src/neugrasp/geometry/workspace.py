@@ -124,7 +124,7 @@ class Workspace:
         return np.floor(np.asarray(points, dtype=np.float64) / self.voxel_size).astype(np.int64)
 
     def position_of(self, index: ArrayLike) -> Float64[np.ndarray, "*shape"]:
-        """Workspace positions along any axis of voxel indices, whole or fractional: i is the voxel's centre."""
+        """Workspace positions of voxel indices along any axis, whole or fractional: i is a voxel's centre."""
         return np.asarray((np.asarray(index, dtype=np.float64) + 0.5) * self.voxel_size)
 
     def contains(self, points: ArrayLike) -> Bool[np.ndarray, "*points"]:

@@ -73,7 +73,10 @@ class EvaluatorRun:
 
 
 def run(options: TrainEvaluator) -> str:
-    """`neugrasp train-evaluator`: how good it is on what was kept aside, the file, and what to do next."""
+    """`neugrasp train-evaluator`: how good it is on what was kept aside, the file, and what to do next.
+
+    Raises `InputError` on fewer steps than one, and as `train_evaluator`.
+    """
     if options.steps < 1:
         raise InputError(f"--steps {options.steps}: must be at least 1")
     config = EvaluatorConfig(steps=options.steps, seed=options.seed)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import torch
 import torch.nn.functional as F
-from numpy.typing import NDArray
+from jaxtyping import Float32
 
 from neugrasp.metrics import area_under_roc
 from neugrasp.model.evaluator_file import load_evaluator
@@ -19,8 +19,8 @@ BINS = 10
 
 
 @torch.no_grad()
-def probabilities(model: GraspEvaluator, seen: Seen, at_once: int = 1024) -> NDArray[np.float32]:
-    """What the network says (k,) of trials; the mean over mirror images."""
+def probabilities(model: GraspEvaluator, seen: Seen, at_once: int = 1024) -> Float32[np.ndarray, " k"]:
+    """What the network says of trials; the mean over mirror images."""
     was_training = model.training
     model.eval()
     device = next(model.parameters()).device
@@ -29,7 +29,7 @@ def probabilities(model: GraspEvaluator, seen: Seen, at_once: int = 1024) -> NDA
         for box, of_up in zip(seen.box.split(at_once), seen.of_up.split(at_once), strict=True)
     ]
     model.train(was_training)
-    found: NDArray[np.float32] = torch.cat(parts).sigmoid().cpu().numpy()
+    found: np.ndarray = torch.cat(parts).sigmoid().cpu().numpy()
     return found
 
 

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from jaxtyping import Bool, Float, Int8
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 from torch.utils.data import Dataset
@@ -37,14 +37,14 @@ class Passes(Protocol):
 class TrialBatch:
     """The trials of one step."""
 
-    box: Tensor
-    """(k, 7, 23, 16) int8."""
-    of_up: Tensor
-    """(k, 4)."""
-    success: Tensor
-    """(k,) float."""
-    weights: Tensor
-    """(k,) what each counts for."""
+    box: Int8[Tensor, "k 7 23 16"]
+    """As `boxes` gives them."""
+    of_up: Float[Tensor, "k 4"]
+    """As `numbers` gives them."""
+    success: Float[Tensor, " k"]
+    """1 where it held, else 0."""
+    weights: Float[Tensor, " k"]
+    """What each counts for."""
 
     def to(self, device: torch.device | str) -> TrialBatch:
         """The same on another device."""
@@ -53,16 +53,16 @@ class TrialBatch:
 
 @dataclass(frozen=True)
 class Seen:
-    """k trials as the network sees them."""
+    """Trials as the network sees them."""
 
-    box: Tensor
-    """(k, 7, 23, 16) int8."""
-    of_up: Tensor
-    """(k, 4)."""
-    success: Tensor
-    """(k,) float."""
-    free: NDArray[np.bool_]
-    """(k,)."""
+    box: Int8[Tensor, "k 7 23 16"]
+    """As `boxes` gives them."""
+    of_up: Float[Tensor, "k 4"]
+    """As `numbers` gives them."""
+    success: Float[Tensor, " k"]
+    """1 where it held, else 0."""
+    free: Bool[np.ndarray, " k"]
+    """Whether the hand got there without a collision."""
 
 
 def seen_of(lessons: list[Lesson], workspace: Workspace) -> Seen:
