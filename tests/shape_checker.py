@@ -21,10 +21,9 @@ def install() -> None:
 
 def check(function: Callable[..., Any]) -> Callable[..., Any]:
     """The function with its shapes checked at every call; other types are mypy's, and tests have doubles."""
-    for name, kind in function.__annotations__.items():
-        if not has_shape(kind):
-            function.__annotations__[name] = object
-    return beartype(function)
+    shaped = {name: kind for name, kind in function.__annotations__.items() if has_shape(kind)}
+    function.__annotations__ = shaped
+    return beartype(function) if shaped else function
 
 
 def has_shape(kind: Any) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int32
+from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 from skimage.measure import marching_cubes
 
@@ -20,7 +20,7 @@ class Surface:
 
     vertices: Float[np.ndarray, "vertices 3"]
     """Metres."""
-    faces: Int32[np.ndarray, "faces 3"]
+    faces: Int[np.ndarray, "faces 3"]
     """Indices of vertices."""
 
     def moved(self, new_from_old: ArrayLike) -> Surface:

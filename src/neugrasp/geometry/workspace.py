@@ -123,9 +123,9 @@ class Workspace:
         """Voxel indices of workspace points (..., 3); the caller checks `contains` first."""
         return np.floor(np.asarray(points, dtype=np.float64) / self.voxel_size).astype(np.int64)
 
-    def position_of(self, index: ArrayLike) -> Float64[np.ndarray, "*index"]:
-        """Workspace positions of voxel indices (or of some coordinates of them): index i is the centre."""
-        return (np.asarray(index, dtype=np.float64) + 0.5) * self.voxel_size
+    def position_of(self, index: ArrayLike) -> Float64[np.ndarray, "*shape"]:
+        """Workspace positions of voxel indices along any axis, whole or fractional: i is a voxel's centre."""
+        return np.asarray((np.asarray(index, dtype=np.float64) + 0.5) * self.voxel_size)
 
     def contains(self, points: ArrayLike) -> Bool[np.ndarray, "*points"]:
         """Whether workspace points (..., 3) lie in the cube."""

@@ -19,7 +19,7 @@ Pieces = TypeVar("Pieces", bound=Sequence[Tensor])
 
 def map_chunked(
     function: Callable[[slice], tuple[Tensor, ...]], num: int, points_each: int, device: torch.device
-) -> tuple[Shaped[Tensor, " {num} *_"], ...]:
+) -> tuple[Shaped[Tensor, " _ *_"], ...]:
     """What `function` gives for slices of `num` items of `points_each` points, joined along axis 0.
 
     Gradients pass through it to whatever the function reads.
