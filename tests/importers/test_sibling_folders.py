@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -261,3 +262,75 @@ def test_an_angle_of_view_holds_for_photos_of_every_size(views: Views, tmp_path:
     file.write_text(json.dumps(data))
     for entry in read_transforms(file, lambda _: (width // 2, 60)):
         assert entry.read().lens.intrinsics[0, 0] == pytest.approx(focal / 2)
+
+
+Y_UP = rigid([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
+
+
+@pytest.mark.parametrize(
+    ("world", "words"),
+    [(Y_UP, "its world has y up"), (inverse(Y_UP), "its world has z up")],
+    ids=["of ARKit", "of Blender"],
+)
+def test_a_world_that_stands_on_another_axis_is_named(
+    views: Views, tmp_path: Path, capsys: pytest.CaptureFixture[str], world: Array, words: str
+):
+    def edit(data: dict[str, Any]) -> None:
+        for frame in data["frames"]:
+            frame["transform_matrix"] = (world @ np.array(frame["transform_matrix"])).tolist()
+
+    file = edited(write_nerfstudio(tmp_path / "a", views, Similarity()), edit)
+    alignment = tmp_path / "alignment.json"
+    alignment.write_text(json.dumps({"world_from_workspace": np.eye(4).tolist()}))
+    arguments = ["nerfstudio", str(file), "--alignment", str(alignment), "--out", str(tmp_path / "scene")]
+    assert cli.main(["import", *arguments]) == 2
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("write", [write_nerfstudio, write_robot], ids=["nerfstudio", "robot"])
+def test_a_cube_that_stands_on_its_head_is_told(
+    views: Views, tmp_path: Path, capsys: pytest.CaptureFixture[str], write: Callable[..., Path]
+):
+    kind = "nerfstudio" if write is write_nerfstudio else "robot"
+    source = (
+        write(tmp_path / "a", views, Similarity()) if kind == "nerfstudio" else write(tmp_path / "a", views)
+    )
+    file = tmp_path / "alignment.json"
+    cube = rigid(np.diag([1.0, -1, -1]), (0, 0.3, 0.1))
+    file.write_text(json.dumps({"world_from_workspace": cube.tolist()}))
+    assert (
+        cli.main(["import", kind, str(source), "--alignment", str(file), "--out", str(tmp_path / "s")]) == 2
+    )
+    assert "all cameras lie below the table of the cube" in capsys.readouterr().err
+
+
+def pipe(file: Path) -> None:
+    file.unlink()
+    os.mkfifo(file)
+
+
+def dangling(file: Path) -> None:
+    file.unlink()
+    file.symlink_to("nowhere.png")
+
+
+def as_gif(file: Path) -> None:
+    Picture.open(file).save(file.with_suffix(".gif"))
+    file.unlink()
+
+
+@pytest.mark.parametrize("spoil", [pipe, dangling, as_gif])
+@pytest.mark.parametrize("folder", ["images", "backgrounds"])
+def test_a_photo_that_is_left_out_is_told(
+    views: Views, tmp_path: Path, caplog: pytest.LogCaptureFixture, spoil: Callable[[Path], None], folder: str
+):
+    file = write_nerfstudio(tmp_path / "a", views, Similarity())
+    spoil(next((tmp_path / "a" / folder).glob("*1.*")))
+    assert imported(tmp_path, ["nerfstudio", str(file)], views) == 0
+    assert f"{folder}: images/view_1.png left out: " in caplog.text
+
+
+def test_a_photo_is_chosen_once(views: Views, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    file = write_nerfstudio(tmp_path / "a", views, Similarity())
+    assert imported(tmp_path, ["nerfstudio", str(file), "--views", "view_0", "view_0.png"], views) == 2
+    assert "view_0.png is named twice" in capsys.readouterr().err

@@ -20,6 +20,10 @@ LARGEST_NUMBER = 1e9
 """Of anything that is measured; squares of larger numbers lose the small ones beside them."""
 SMALLEST_PART = 8
 """Pixels of a padded photo that were measured, across."""
+UNITS = {"millimetres": 1000, "centimetres": 100, "inches": 39.37}
+"""Of one metre; those in which poses are written, too."""
+USUAL_DISTANCES = 0.15, 3.0
+"""Metres between a camera and what it shows."""
 OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 
 logger = logging.getLogger(__name__)
@@ -110,8 +114,8 @@ def check_scene(scene: Observation, where: str) -> None:
     for i, camera in enumerate(cameras):
         distance = float(np.linalg.norm(camera.centre - middle))
         if distance > FARTHEST_CAMERA:
-            metres = 0.05 < distance / 1000 < FARTHEST_CAMERA
-            guess = "; the poses look like millimetres, they must be in metres" if metres else ""
+            unit = next((unit for unit, count in UNITS.items() if _is_usual(distance / count)), None)
+            guess = f"; the poses look like {unit}, they must be in metres" if unit else ""
             raise InputError(f"{where}, view {i}: camera {distance:.4g} m from the workspace{guess}")
     seen = [sees(camera, workspace) for camera in cameras]
     if not any(seen):
@@ -119,6 +123,10 @@ def check_scene(scene: Observation, where: str) -> None:
     for i, is_seen in enumerate(seen):
         if not is_seen:
             logger.warning("%s, view %d: the workspace is outside this view; it adds nothing", where, i)
+
+
+def _is_usual(distance: float) -> bool:
+    return USUAL_DISTANCES[0] < distance < USUAL_DISTANCES[1]
 
 
 def sees(camera: Camera, workspace: Workspace) -> bool:

@@ -22,7 +22,7 @@ from neugrasp.importers.command import Import
 from neugrasp.importers.mistakes import check_poses, explained
 from neugrasp.importers.nerfstudio import check_motion, read_transforms
 from neugrasp.importers.photo_folder import PhotoFolder
-from neugrasp.importers.photos import Pair, Photos
+from neugrasp.importers.photos import Pair, Photos, shortened
 from neugrasp.importers.robot_poses import read_robot
 from neugrasp.importers.shots import Listed, Shot, scene_of
 from neugrasp.importers.upright import settled
@@ -60,7 +60,12 @@ def _board_scene(run: Import, photos: Photos) -> Views:
         raise InputError("--alignment: a board says where the cube is by itself; leave one of them away")
     if not run.source.is_dir():
         raise InputError(f"{run.source}: must be a folder with images/ and backgrounds/")
-    pairs = photos.pairs(photos.images.names())
+    names = photos.images.names()
+    pairs = photos.pairs(names)
+    if not photos.chosen:
+        photos.tell_of_lost(names)
+        if alone := [name for name in names if name not in pairs]:
+            logger.warning("%s: have no background; left out", shortened(alone))
     board = settled(read_board(run.board or "default"), pairs)
     return scene_of(board_shots(run.source, pairs, board), pairs, board.workspace())
 
@@ -79,6 +84,7 @@ def _posed_scene(run: Import, photos: Photos) -> Views:
         raise InputError(f"{_file(run)}: the photo {twice} is there twice; which of its poses is meant?")
     if not photos.chosen:
         photos.tell_of_strangers(names)
+        photos.tell_of_lost(names)
     shots = [entry.read() for entry in listed if entry.name in pairs]
     if run.board is not None:
         placed, workspace = _on_board(shots, pairs, run.board, is_metric=run.format == "robot")

@@ -10,7 +10,7 @@ from neugrasp.data.camera_checks import is_plausible
 from neugrasp.data.photo_files import read_image
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
-from neugrasp.geometry.pose import Array, rigid
+from neugrasp.geometry.pose import Array, inverse, rigid
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.importers.alignment import align
 from neugrasp.importers.photos import Pair
@@ -40,10 +40,20 @@ def check_poses(shots: Sequence[Shot], pairs: Mapping[str, Pair], workspace: Wor
     still = [shot for shot in shots if shot.world_from_background is None]
     agree = _agreement(still, pairs, workspace)
     if sum(_plausible(shots, [shot.world_from_camera for shot in shots], workspace)) <= len(shots) / 2:
-        causes = [one for one in _mistakes(shots) if all(_plausible(shots, one[1], workspace))]
-        likely = [name for name, poses in causes if (agree(poses) or 0.0) > CONVINCING]
-        if causes:
-            text = "; or: ".join(likely or [name for name, _ in causes])
+        usual, rare = (
+            [one for one in some if all(_plausible(shots, one[1], workspace))]
+            for some in (_mistakes(shots), _rare_mistakes(shots))
+        )
+        likely = [name for name, poses in (*usual, *rare) if (agree(poses) or 0.0) > CONVINCING]
+        cube_from_world = inverse(workspace.world_from_workspace)
+        heights = [(cube_from_world @ shot.world_from_camera)[2, 3] for shot in shots]
+        if not likely and max(heights) < workspace.table_height:
+            raise InputError(
+                f"{where}: all cameras lie below the table of the cube; the z axis of world_from_workspace "
+                "must point up, away from the table" + "".join(f"; or: {name}" for name, _ in usual)
+            )
+        if likely or usual:
+            text = "; or: ".join(likely or [name for name, _ in usual])
             raise InputError(f"{where}: the cameras do not look down at the workspace; {text}")
         return
     # Poses so wrong that no two photos share a part of the table agree about nothing.
@@ -52,7 +62,7 @@ def check_poses(shots: Sequence[Shot], pairs: Mapping[str, Pair], workspace: Wor
         return
     tried = [
         (agree(poses) or 0.0, name)
-        for name, poses in (*_mistakes(still), *_tools(still))
+        for name, poses in (*_mistakes(still), *_rare_mistakes(still), *_tools(still))
         if all(_plausible(still, poses, workspace))
     ]
     # Of those that fit alike the likeliest, which comes first.
@@ -104,9 +114,17 @@ def _agreement(shots: Sequence[Shot], pairs: Mapping[str, Pair], workspace: Work
 
 def _mistakes(shots: Sequence[Shot]) -> Iterator[Mistake]:
     """Those that all of the shots could have."""
-    for name in shots[0].suspects if shots else ():
-        if all(name in shot.suspects for shot in shots):
-            yield name, [shot.suspects[name] for shot in shots]
+    return _of_all([shot.suspects for shot in shots])
+
+
+def _rare_mistakes(shots: Sequence[Shot]) -> Iterator[Mistake]:
+    return _of_all([shot.rare_suspects for shot in shots])
+
+
+def _of_all(suspects: Sequence[Mapping[str, Array]]) -> Iterator[Mistake]:
+    for name in suspects[0] if suspects else ():
+        if all(name in some for some in suspects):
+            yield name, [some[name] for some in suspects]
 
 
 def _tools(shots: Sequence[Shot]) -> Iterator[Mistake]:

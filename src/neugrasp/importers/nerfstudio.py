@@ -16,7 +16,7 @@ from neugrasp.data.spelling import plain
 from neugrasp.data.strict_json import read_object
 from neugrasp.data.user_files import check_name
 from neugrasp.errors import InputError
-from neugrasp.geometry.pose import Array, inverse
+from neugrasp.geometry.pose import Array, inverse, rigid
 from neugrasp.importers.foreign_lens import lens_of
 from neugrasp.importers.lens_keys import LENS_KEYS, check_lens_keys, is_lens_key
 from neugrasp.importers.shots import Listed, Shot
@@ -47,6 +47,8 @@ FRAME_KEYS = (
     *("timestamp", "time", "camera_id", "rotation", "normal_file_path", "semantic_path", "id", "image_id"),
 )
 OPENGL = {"opengl", "blender", "nerf", "nerfstudio", "instantngp", "ngp"}
+
+Z_UP_FROM_Y_UP = rigid([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
 
 SizeOf = Callable[[str], tuple[int, int]]
 """Width and height of the photo of a name, for files that do not say."""
@@ -125,7 +127,8 @@ def _shot(data: dict[str, Any], frame: dict[str, Any], where: str, name: str, si
     written = check_rigid(matrix, f"{where}: transform_matrix")
     lens = lens_of(frame, where, has_corner_origin=True, size_of=lambda: size_of(name), file=data)
     # The matrix that turns the axes is its own inverse.
-    return Shot(name, lens, written @ OPENCV_FROM_OPENGL, suspects=_suspects(written))
+    pose, suspects = written @ OPENCV_FROM_OPENGL, _suspects(written)
+    return Shot(name, lens, pose, suspects=suspects, rare_suspects=_rare_suspects(written))
 
 
 def _suspects(written: Array) -> dict[str, Array]:
@@ -137,4 +140,15 @@ def _suspects(written: Array) -> dict[str, Array]:
         f"{what} {axes}; {right}: multiply by {turn} from the right": written,
         f"{what} world-to-camera; {right}: write the inverse": inverse(written) @ OPENCV_FROM_OPENGL,
         f"{what} world-to-camera with OpenCV axes; {right}: write the inverse times {turn}": inverse(written),
+    }
+
+
+def _rare_suspects(written: Array) -> dict[str, Array]:
+    """Of worlds whose vertical is another axis than that of the alignment's."""
+    pose, where = written @ OPENCV_FROM_OPENGL, "write world_from_reconstruction"
+    return {
+        f"its world has y up (as of ARKit, ARCore, Unity), the alignment's z: {where} [[1, 0, 0, 0], "
+        "[0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]] into the alignment": Z_UP_FROM_Y_UP @ pose,
+        f"its world has z up, the alignment's y: {where} [[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], "
+        "[0, 0, 0, 1]] into the alignment": Z_UP_FROM_Y_UP.T @ pose,
     }

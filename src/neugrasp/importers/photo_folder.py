@@ -74,6 +74,17 @@ class PhotoFolder:
             "JPEG or PNG" + (IPHONE if "HEIC" in kinds else "")
         )
 
+    def has_of_another_kind(self, name: str) -> bool:
+        """Whether something is there under the name of a photo, in any folder, that is not read."""
+        parts = parts_of(name)
+        keys = {key_of("/".join(parts[first:])) for first in range(len(parts))}
+        return any(key_of(file) in keys for file in (*self._foreign, *self._unreadable))
+
+    @cached_property
+    def _unreadable(self) -> list[str]:
+        """Pipes, devices, and links that lead nowhere, under the names of photos."""
+        return [n for n in _files(self.path) if is_photo(Path(n)) and not (self.path / n).is_file()]
+
     @cached_property
     def _index(self) -> dict[str, list[str]]:
         """Relative paths by their key, hidden files and what is no regular file left out."""

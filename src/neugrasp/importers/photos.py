@@ -72,6 +72,21 @@ class Photos:
                 "%s: no pose is known for %s; left out", self.backgrounds.path, shortened(strangers)
             )
 
+    def tell_of_lost(self, names: Iterable[str]) -> None:
+        """Warns of photos that are left out although their fellow is there: files of another kind, pipes,
+        links that lead nowhere. Most photos of a reconstruction have no background, and need none."""
+        listed = list(names)
+        for folder, find, of_fellow in (
+            (self.images, self.image_of, self.backgrounds.find),
+            (self.backgrounds, self.backgrounds.find, self.image_of),
+        ):
+            lost = [n for n in listed if _found(find, n) is None and _found(of_fellow, n) is not None]
+            if folder is self.backgrounds:
+                lost = [name for name in lost if folder.has_of_another_kind(name)]
+            if lost:
+                hint = folder.foreign_hint(lost) or ": there is none that can be read"
+                logger.warning("%s: %s left out%s", folder.path, shortened(lost), hint)
+
     def _chosen(self, names: Sequence[str]) -> list[str]:
         """The full names of the chosen photos."""
         full = []
@@ -88,6 +103,8 @@ class Photos:
                 raise InputError(
                     f"--views {word}: {found} of that name; there are {shortened(sorted(names))}{hint}"
                 )
+            if fitting[0] in full:
+                raise InputError(f"--views {word}: {fitting[0]} is named twice; name each photo once")
             full.append(fitting[0])
         return full
 

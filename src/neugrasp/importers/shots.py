@@ -46,6 +46,8 @@ class Shot:
     """world_from_camera if one of the common mistakes was made in the other program's file, by its name."""
     flange_axis: Array | None = None
     """(3,) where the flange that holds the camera points, in the world; None without a robot."""
+    rare_suspects: Mapping[str, Array] = field(default_factory=dict)
+    """As `suspects`, of rarer mistakes: believed only where the photos of the table confirm them."""
 
     def placed(self, new_from_world: Array, metres_per_unit: float = 1.0) -> Shot:
         """The same shot in metres and in another frame; `new_from_world` is in metres."""
@@ -59,6 +61,7 @@ class Shot:
             world_from_camera=place(self.world_from_camera),
             world_from_background=None if background is None else place(background),
             suspects={mistake: place(pose) for mistake, pose in self.suspects.items()},
+            rare_suspects={mistake: place(pose) for mistake, pose in self.rare_suspects.items()},
             flange_axis=None if self.flange_axis is None else new_from_world[:3, :3] @ self.flange_axis,
         )
 
