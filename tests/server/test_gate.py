@@ -140,7 +140,8 @@ def test_an_answer_that_takes_too_long_is_given_up(start: Start, scene: Path):
     running = start(patience_s=1.0)
     assert detect(running, scene).status_code == 504
     held_detector.LET_GO.set()
-    assert detect(running, scene).status_code == 200
+    # On a busy machine an answer may take longer than that, too.
+    assert until(lambda: detect(running, scene).status_code == 200, 120)
 
 
 @pytest.mark.usefixtures("held")

@@ -178,6 +178,8 @@ class Table:
     """The same seed gives the same rounds."""
     workers: int | None = None
     """Processes that share the rounds; by default one per core."""
+    cluster: str | None = None
+    """Share the work with a Ray cluster: auto, or its address HOST:6379 (docs/cluster.md)."""
     device: str = "cpu"
     """Where the detectors compute: cpu, cuda, cuda:1."""
 

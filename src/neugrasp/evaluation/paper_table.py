@@ -126,6 +126,7 @@ def _evaluation(
         objects=config.objects,
         seed=config.seed,
         workers=config.workers,
+        cluster=config.cluster,
         device=config.device,
         **_sensors(config, system, spec),
     )

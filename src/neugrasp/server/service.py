@@ -121,35 +121,67 @@ class Service:
         too long or nobody waits any more.
         """
         watch = Stopwatch()
-
-        def read() -> tuple[Seen, Diagnosis]:
-            with watch.stage("decode"):
-                cell = scene if isinstance(scene, Cell) else cell_of(*scene, self._most_pixels)
-                seen = seen_at(cell, images, self._most_pixels)
-                check_mask(steering, seen.views)
-            with watch.stage("examine"):
-                return seen, examine_read(seen.views, tags=findings_of(seen.told))
-
-        seen, diagnosis = await self._read(read)
-        self.meters.judged(diagnosis.level.word)
-        visit.facts["doctor"] = diagnosis.level.word
-        if diagnosis.level == Level.RED and not wanted.force:
-            raise Red(diagnosis)
-        left = self.options.patience_s - (time.perf_counter() - visit.begun)
+        seen = await self._read(lambda: self._seen(scene, images, steering, watch))
+        # The doctor's look takes nearly as long as a detection: they go side by side.
+        looking = asyncio.ensure_future(self._read(lambda: self._look(seen, wanted, visit, watch)))
+        looking.add_done_callback(lambda look: look.cancelled() or look.exception())
         try:
-            detection, waited = await self.workers.run(
-                lambda detector: steered(detector.detect(seen.views), steering, seen.views), left, gone
-            )
-        except TooSlow:
-            raise Refusal(504, "slow answer", f"no answer within {self.options.patience_s:g} s") from None
-        except Gone:
-            raise Refusal(499, "client gone", "nobody waits for the answer") from None
+            detection, waited = await self._found(seen, steering, visit, looking, gone)
+            diagnosis: Diagnosis = await looking
+        finally:
+            looking.cancel()
         watch.seconds["queue"] = waited
         self.answered += 1
         self.meters.found(len(detection.grasps), detection.rejected)
         self.meters.spent({**watch.seconds, **detection.timing_s})
         visit.facts["grasps"] = len(detection.grasps)
         return Found(detection, diagnosis, seen.views, watch.seconds)
+
+    def _seen(
+        self,
+        scene: Cell | tuple[bytes, Sequence[Photo]],
+        images: Sequence[Photo],
+        steering: Steering,
+        watch: Stopwatch,
+    ) -> Seen:
+        with watch.stage("decode"):
+            cell = scene if isinstance(scene, Cell) else cell_of(*scene, self._most_pixels)
+            seen = seen_at(cell, images, self._most_pixels)
+            check_mask(steering, seen.views)
+            return seen
+
+    def _look(self, seen: Seen, wanted: Wanted, visit: Visit, watch: Stopwatch) -> Diagnosis:
+        """The doctor's. Raises `Red`."""
+        with watch.stage("examine"):
+            diagnosis = examine_read(seen.views, tags=findings_of(seen.told))
+        self.meters.judged(diagnosis.level.word)
+        visit.facts["doctor"] = diagnosis.level.word
+        if diagnosis.level == Level.RED and not wanted.force:
+            raise Red(diagnosis)
+        return diagnosis
+
+    async def _found(
+        self,
+        seen: Seen,
+        steering: Steering,
+        visit: Visit,
+        looking: asyncio.Future[Diagnosis],
+        gone: Callable[[], Awaitable[Any]],
+    ) -> tuple[Detection, float]:
+        """A detection, and the seconds that it waited. Raises as `detect`."""
+        left = self.options.patience_s - (time.perf_counter() - visit.begun)
+        try:
+            return await self.workers.run(
+                lambda detector: steered(detector.detect(seen.views), steering, seen.views),
+                left,
+                lambda: _needless(looking, gone),
+            )
+        except TooSlow:
+            raise Refusal(504, "slow answer", f"no answer within {self.options.patience_s:g} s") from None
+        except Gone:
+            if looking.done():
+                looking.result()
+            raise Refusal(499, "client gone", "nobody waits for the answer") from None
 
     def close(self) -> None:
         """Ends when what has begun is finished."""
@@ -163,6 +195,17 @@ class Service:
         """How often features of backgrounds were found, and how often they were made."""
         memories = [d.memory for d in self.workers.detectors if isinstance(d, NeuGraspDetector)]
         return sum(memory.hits for memory in memories), sum(memory.misses for memory in memories)
+
+
+async def _needless(looking: asyncio.Future[Any], gone: Callable[[], Awaitable[Any]]) -> None:
+    """Returns as soon as nobody wants a detection: the client has gone, or the doctor refuses."""
+    leaving = asyncio.ensure_future(gone())
+    try:
+        await asyncio.wait({looking, leaving}, return_when=asyncio.FIRST_COMPLETED)
+        if not leaving.done() and looking.exception() is None:
+            await leaving
+    finally:
+        leaving.cancel()
 
 
 def _spec(name: str) -> DetectorSpec:
