@@ -122,9 +122,13 @@ class Bench:
 
     def look(self, index: int) -> Any:
         """What the detector is shown first in round `index`."""
-        fixed = self._rounds.make(index, self.world)
-        robot, _ = self._robot(fixed, TruthCamera(self.world))
-        return robot.camera.look()
+        return self.look_twice(index)[0]
+
+    def look_twice(self, index: int) -> tuple[Any, Truth]:
+        """The same, and the truth."""
+        fixed, truth = self._rounds.make(index, self.world), TruthCamera(self.world)
+        robot, _ = self._robot(fixed, truth)
+        return robot.camera.look(), truth.look()
 
     def _robot(self, fixed: Round, truth: TruthCamera) -> tuple[Robot[Any], SimulatedRobot]:
         """The floating hand, or the arm of a cell, and the table that it clears."""
@@ -137,12 +141,6 @@ class Bench:
         eyes = self._camera(fixed, twin.table, truth)
         camera = TouringCamera(twin.arm, tour_of(cell, motion, views), eyes)
         return Robot(camera, twin.manipulator, twin.table), twin.table
-
-    def look(self, index: int) -> tuple[Any, Truth]:
-        """What the detector sees as round `index` begins, and the truth."""
-        fixed, truth = self._rounds.make(index, self.world), TruthCamera(self.world)
-        robot, _ = self._robot(fixed, truth)
-        return robot.camera.look(), truth.look()
 
     def _camera(self, fixed: Round, robot: SimulatedRobot, truth: TruthCamera) -> Camera[Any]:
         """The eyes of the detector; only measuring sticks get the truth."""

@@ -56,7 +56,7 @@ def _column(
     with open_bench(replace(config, workers=1), make, 1) as bench:
         found = []
         for index in range(SCENES):
-            seen, truth = bench.look(index)
+            seen, truth = bench.look_twice(index)
             tiles = []
             if with_truth:
                 tiles = [Tile(_sized(_photo(seen)), f"round {index}"), Tile(_true(bench, truth), "truth")]
