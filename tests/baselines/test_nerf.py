@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import torch
 import torch.nn.functional as F
 
 from ball_record import ball_record
-from neugrasp.baselines.nerf.detector import NerfDetector
+from neugrasp.baselines.nerf.detector import SPEC, NerfDetector
 from neugrasp.baselines.nerf.field import FieldConfig, harmonics
 from neugrasp.baselines.nerf.fit import Diverged, FitConfig, depth_error, fitted, pixels_of, rendered_depth
 from neugrasp.baselines.nerf.hash_grid import HashGrid
@@ -23,6 +24,7 @@ from neugrasp.baselines.nerf.histograms import (
     weights_of,
 )
 from neugrasp.detection.contract import Detection
+from neugrasp.detection.options import DetectorOptions
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import from_rotation_vector
 from neugrasp.grasp import Grasps
@@ -182,3 +184,10 @@ def test_photos_are_needed():
     blind = Observation(tuple(replace(f, image=None, background=None) for f in seen.frames), seen.workspace)
     with pytest.raises(InputError, match="has no photo"):
         NerfDetector(Remembers(), CPU).detect(blind)
+
+
+def test_weights_are_those_of_vgn(tmp_path: Path):
+    with pytest.raises(InputError, match=r"none\.pth"):
+        SPEC.load(DetectorOptions(weights=str(tmp_path / "none.pth")))
+    with pytest.raises(InputError, match="weights of the network 'neugrasp', not 'vgn'"):
+        SPEC.load(DetectorOptions(weights="neugrasp-tsdf"))
