@@ -120,12 +120,6 @@ class Bench:
         seconds = {"arrange": arranged - start, "prepare": prepared - arranged, **episode.timing_s}
         return replace(episode, scene_sha256=fixed.scene_sha256, timing_s=seconds)
 
-    def look(self, index: int) -> Any:
-        """What the detector is shown first in round `index`."""
-        fixed = self._rounds.make(index, self.world)
-        robot, _ = self._robot(fixed, TruthCamera(self.world))
-        return robot.camera.look()
-
     def _robot(self, fixed: Round, truth: TruthCamera) -> tuple[Robot[Any], SimulatedRobot]:
         """The floating hand, or the arm of a cell, and the table that it clears."""
         if self._cell is None:
