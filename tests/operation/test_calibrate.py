@@ -8,35 +8,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image as Picture
 
+from board_capture import CAMERA, write_board_photos
 from neugrasp.errors import InputError
-from neugrasp.geometry.pose import Array, from_rotation_vector, inverse
-from neugrasp.importers.board import Board
 from neugrasp.operation.calibrate import run, sightings_of
 from neugrasp.operation.command import Calibrate
-from table_photos import camera_at, photo_of_table
 
 pytestmark = pytest.mark.skipif(find_spec("cv2") is None, reason="needs neugrasp[capture]")
-
-CAMERA = from_rotation_vector([0.02, -0.05, 1.5], [0.01, 0.08, 0.03])
 
 
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Ten photos of the standard board from a flange whose pose is known exactly."""
     folder = tmp_path_factory.mktemp("capture")
-    board, rng, views = Board(), np.random.default_rng(0), []
-    width, height = board.print.size
-    middle = np.array([width / 2, height / 2, 0])
-    for number in range(10):
-        eye = middle + np.array([*rng.uniform(-0.25, 0.25, 2), rng.uniform(0.3, 0.45)])
-        camera = camera_at(eye, middle + np.array([*rng.uniform(-0.03, 0.03, 2), 0]))
-        flange: Array = camera.world_from_camera @ inverse(CAMERA)
-        Picture.fromarray(photo_of_table(board, camera)).save(folder / f"{number}.png")
-        views.append({"image": f"{number}.png", "base_from_flange": flange.tolist()})
-    lens = {"intrinsics": camera.intrinsics.tolist(), "width": camera.width, "height": camera.height}
-    (folder / "robot.json").write_text(json.dumps({**lens, "views": views}))
+    write_board_photos(folder)
     return folder
 
 

@@ -180,8 +180,12 @@ class Guarded:
         self.stop()
 
     def state(self) -> ArmState:
-        """Where the arm is."""
-        return self._arm.state()
+        """Where the arm is. A fault that shows here is one, too: nothing moves afterwards."""
+        try:
+            return self._arm.state()
+        except RobotError as fault:
+            self._fault = fault
+            raise
 
     def execute(self, motion: Trajectory, until_contact: bool, timeout_s: float) -> bool:
         """As `Arm.execute`. Raises a `Refused` before anything moves; after a fault, the same fault again."""
@@ -189,7 +193,7 @@ class Guarded:
             raise self._fault
         if self._stopped.is_set():
             raise Stopped("the arm was stopped; nothing moves until the program is started again")
-        self.fence.check(motion, self._arm.state().joints)
+        self.fence.check(motion, self.state().joints)
         try:
             return self._arm.execute(motion, until_contact, timeout_s)
         except RobotError as fault:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from neugrasp.geometry.pose import Array
 from neugrasp.robot.arm_model import JOINTS, ArmModel
@@ -14,8 +15,10 @@ PERIOD = 0.008
 """Seconds between two moments: 125 Hz, which every UR controller takes."""
 SHORTEST = 0.05
 """Seconds that the shortest motion takes."""
-SAFETY = 0.98
-"""Share of the limits that is used: differences of samples overshoot a little."""
+SAFETY = 0.99
+"""Share of the limits that is used."""
+STRETCHES = 30
+"""Times that a motion is stretched; three or four are needed."""
 
 
 @dataclass(frozen=True)
@@ -89,26 +92,37 @@ def timed(legs: Sequence[Array], model: ArmModel, flange_from_tcp: Array, pace: 
 
 
 def _timed(leg: Array, model: ArmModel, flange_from_tcp: Array, pace: Pace) -> Trajectory:
-    """One leg."""
+    """One leg, its time stretched until the moments that are sent keep to the pace."""
     length = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(leg, axis=0)).max(axis=1))])
     if length[-1] < 1e-9:
         return still(leg[0])
-    way = length / length[-1]
-    samples = max(50, 2 * len(leg))
-    u = np.linspace(0, 1, samples)
-    joints = _along(way, leg, u)
-    tcp = (model.flange(joints) @ flange_from_tcp)[:, :3, 3]
-    step = u[1] - u[0]
-    speed = np.abs(np.diff(joints, axis=0)).max() / step / pace.joint_speed
+    # Moments lie between the positions of the leg: with corners there, the joints would jerk.
+    way = CubicSpline(length / length[-1], leg)
+    duration = SHORTEST
+    for _ in range(STRETCHES):
+        times = np.linspace(0, duration, max(2, int(np.ceil(duration / PERIOD)) + 1))
+        joints = way(_progress(times / duration))
+        joints[0], joints[-1] = leg[0], leg[-1]
+        moving = Trajectory(times, joints)
+        excess = _excess(moving, model, flange_from_tcp, pace)
+        if excess <= 1:
+            break
+        duration *= excess
+    return moving
+
+
+def _progress(u: Array) -> Array:
+    """The share of the way at shares `u` of the time."""
+    s: Array = u**3 * (10 - 15 * u + 6 * u * u)
+    return np.clip(s, 0, 1)
+
+
+def _excess(moving: Trajectory, model: ArmModel, flange_from_tcp: Array, pace: Pace) -> float:
+    """By which factor a motion must last longer; at most 1 where it is slow enough."""
+    step = moving.times[1] - moving.times[0]
+    tcp = (model.flange(moving.joints) @ flange_from_tcp)[:, :3, 3]
+    rates = np.diff(moving.joints, axis=0) / step
+    changes = np.diff(np.vstack([0 * rates[:1], rates, 0 * rates[:1]]), axis=0) / step
+    speed = float(np.abs(rates).max()) / pace.joint_speed
     speed = max(speed, float(np.linalg.norm(np.diff(tcp, axis=0), axis=1).max()) / step / pace.tcp_speed)
-    acceleration = np.abs(np.diff(joints, 2, axis=0)).max() / step**2 / pace.joint_acceleration
-    duration = max(SHORTEST, speed / SAFETY, float(np.sqrt(acceleration / SAFETY)))
-    count = max(2, int(np.ceil(duration / PERIOD)) + 1)
-    times = np.linspace(0, duration, count)
-    return Trajectory(times, _along(way, leg, times / duration))
-
-
-def _along(way: Array, leg: Array, u: Array) -> Array:
-    """The joints at shares `u` of the time."""
-    s = u**3 * (10 - 15 * u + 6 * u * u)
-    return np.stack([np.interp(s, way, column) for column in leg.T], axis=1)
+    return max(speed, float(np.sqrt(np.abs(changes).max() / pace.joint_acceleration))) / SAFETY
