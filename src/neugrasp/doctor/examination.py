@@ -15,7 +15,7 @@ from neugrasp.doctor.findings import Finding, Level, verdict, worst
 from neugrasp.doctor.light_checks import check_brightness, check_light, check_sharpness
 from neugrasp.doctor.pair_checks import check_pairs, check_pairs_quickly
 from neugrasp.doctor.problems import BACKGROUND_DIFFERS, MIRRORED, SAME_PHOTO, SHIFTED
-from neugrasp.doctor.shot import shots_of
+from neugrasp.doctor.shot import GLANCE_SIZE, shots_of
 from neugrasp.doctor.silhouettes import check_silhouettes
 from neugrasp.doctor.table_checks import check_table, check_table_quickly
 from neugrasp.observation import Views
@@ -116,14 +116,16 @@ def _look(capture: Capture) -> tuple[Capture, list[Finding]]:
 def _glance(capture: Capture) -> tuple[Capture, list[Finding]]:
     """The checks that are quick and decide; of the light, what makes grasps fail."""
     capture, findings = check_intrinsics(capture)
-    capture, pairs = check_pairs_quickly(capture)
+    shots = shots_of(capture.views, GLANCE_SIZE)
+    mended, pairs = check_pairs_quickly(capture, shots)
+    if mended is not capture:
+        capture, shots = mended, shots_of(mended.views, GLANCE_SIZE)
     findings += pairs
     if any(finding.problem is SAME_PHOTO for finding in pairs):
         return capture, findings
     if not (wrong := {i for finding in pairs if finding.level == Level.RED for i in finding.views}):
         capture, found = check_table_quickly(capture)
         findings += found
-    shots = shots_of(capture.views)
     light = [*check_brightness(shots), *check_light([s for s in shots if s.index not in wrong] or shots)]
     red = [finding for finding in light if finding.level == Level.RED]
     return capture, [*findings, *check_coverage(capture.views), *red]

@@ -14,7 +14,7 @@ from neugrasp.doctor.explanations import MOST_VIEWS_PERMUTED, Trial, best_height
 from neugrasp.doctor.findings import Finding, Level, Limits, green, named, not_measured
 from neugrasp.doctor.problems import BACKGROUND_DIFFERS, EXCHANGED, MIRRORED, SAME_PHOTO, SHIFTED, SWAPPED
 from neugrasp.doctor.registration import Shift, shift_between, texture
-from neugrasp.doctor.shot import Plane, Shot, grey, shots_of
+from neugrasp.doctor.shot import GLANCE_SIZE, NETWORK_SIZE, Plane, Shot, grey, shots_of
 from neugrasp.doctor.table import (
     TablePicture,
     coarse_pictures,
@@ -73,15 +73,16 @@ def _turned(capture: Capture, some: tuple[int, ...]) -> Capture:
     return replace(capture.with_views(views), exchanged=some)
 
 
-def check_pairs_quickly(capture: Capture) -> tuple[Capture, list[Finding]]:
-    """As `check_pairs`, which is asked where a look at small pictures leaves doubts only."""
+def check_pairs_quickly(capture: Capture, shots: Sequence[Shot]) -> tuple[Capture, list[Finding]]:
+    """As `check_pairs`, which is asked only where a look at small shots, of `GLANCE_SIZE`, leaves doubts."""
     if same := check_equal(capture):
         return capture, same
     views = capture.views.frames
     if not _owners(views, max(STRIDE, *(max(view.image.shape) // SMALL for view in views))):
-        shots = [shot for shot in shots_of(capture.views) if _is_textured(shot)]
-        shifts = (shift_between(grey(shot.image), grey(shot.background)) for shot in shots)
-        if all(s.agreement >= MATCH and SHIFT.level(s.length) < Level.RED for s in shifts):
+        textured = [shot for shot in shots if _is_textured(shot)]
+        shifts = (shift_between(grey(shot.image), grey(shot.background)) for shot in textured)
+        longer = NETWORK_SIZE / GLANCE_SIZE
+        if all(s.agreement >= MATCH and SHIFT.level(longer * s.length) < Level.RED for s in shifts):
             return capture, []
     return check_pairs(capture)
 

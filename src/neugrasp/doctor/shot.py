@@ -16,6 +16,8 @@ from neugrasp.observation import Image, View, Views
 
 NETWORK_SIZE = 256
 """Pixels of the crop that the network reads; lengths in a shot are in such pixels."""
+GLANCE_SIZE = 96
+"""The same for a glance: a seventh of the pixels. With 64 textured tables are in doubt too often."""
 REACH = 2.2
 """Edge of a shot over the edge of the network's crop: what lies around the cube is compared, too."""
 
@@ -48,17 +50,17 @@ class Shot:
         return moved.cropped_and_resized(self.box, self.camera.width, self.camera.height)
 
 
-def shots_of(views: Views) -> list[Shot]:
-    """All views of a scene."""
-    return [shot_of(view, i, views.workspace) for i, view in enumerate(views.frames)]
+def shots_of(views: Views, size: int = NETWORK_SIZE) -> list[Shot]:
+    """All views of a scene; `size` is that of the network's crop, in pixels of the shots."""
+    return [shot_of(view, i, views.workspace, size) for i, view in enumerate(views.frames)]
 
 
-def shot_of(view: View, index: int, workspace: Workspace) -> Shot:
+def shot_of(view: View, index: int, workspace: Workspace, size: int = NETWORK_SIZE) -> Shot:
     """The part of a view around the cube; all of the photo where the cube is not in it."""
     camera = view.camera.moved(inverse(workspace.world_from_workspace))
     crop = workspace.photo_box(camera)
     left, top, right, bottom = _whole_pixels(_around(crop, camera.bounds))
-    shrink = max(1.0, (crop[2] - crop[0]) / NETWORK_SIZE)
+    shrink = max(1.0, (crop[2] - crop[0]) / size)
     width, height = max(8, round((right - left) / shrink)), max(8, round((bottom - top) / shrink))
     box = (left - 0.5, top - 0.5, right - 0.5, bottom - 0.5)
     small = camera.cropped_and_resized(box, width, height)
