@@ -86,6 +86,7 @@ class Controller:
         self, motion: Trajectory, until_contact: bool, timeout_s: float, is_stopped: Callable[[], bool]
     ) -> bool:
         """As `Arm.execute`; `is_stopped` is asked before every target."""
+        self._hear()
         began, force = time.monotonic(), self._force()
         deadline = began + timeout_s
         try:
@@ -128,6 +129,14 @@ class Controller:
             is_there = np.abs(now - goal).max() < ARRIVED and np.abs(now - before).max() < STILL
             rested = rested + 1 if is_there else 0
             before = now
+
+    def _hear(self) -> None:
+        """Waits for news of after this moment: before anything moves, the controller must be there."""
+        stamp, deadline = self._receive.getTimestamp(), time.monotonic() + STALE_S
+        while self._receive.getTimestamp() == stamp:
+            if time.monotonic() > deadline:
+                raise ConnectionLost(f"{self._address}: the controller has said nothing for {STALE_S} s")
+            time.sleep(PERIOD / 4)
 
     def _force(self) -> Array:
         return np.array(self._receive.getActualTCPForce()[:3], dtype=np.float64)
