@@ -149,7 +149,7 @@ def _help() -> str:
         for name in names:
             described = inspect.getdoc(COMMANDS[name].options) or ""
             sentence = re.split(r"(?<=[.)])\s", " ".join(described.split()), maxsplit=1)[0]
-            yield textwrap.fill(sentence, 88, initial_indent=f"  {name:<11}", subsequent_indent=13 * " ")
+            yield textwrap.fill(sentence, 88, initial_indent=f"  {name:<16}", subsequent_indent=18 * " ")
 
     return "\n".join(
         [
