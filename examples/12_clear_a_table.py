@@ -2,9 +2,9 @@
 
     python examples/12_clear_a_table.py --cell examples/cells/twin.toml --detector oracle
 
-The cell of this file is simulated: a UR5e with a 2F-85 that has to reach what it grasps. With the file of a real
-cell, and a detector that sees photos, the same lines drive a UR arm (docs/robot.md says what was tried). The
-same as a command: `neugrasp run`. Needs `pip install 'neugrasp[sim,robot]'`, and `render` for photos.
+The cell of this file is simulated: a UR5e with a 2F-85 that has to reach what it grasps. With the file of a
+real cell, and a detector that sees photos, the same lines drive a UR arm (docs/robot.md says what was tried).
+The same as a command: `neugrasp run`. Needs `pip install 'neugrasp[sim,robot]'`, and `render` for photos.
 """
 
 from __future__ import annotations
