@@ -185,3 +185,12 @@ def test_examine_a_capture(run: Run) -> None:
     assert "mended: the poses are the good ones again, to 0.0e+00" in poses
     assert "red" in background
     assert re.search(r"view 0: shifted by \(-(1\.9|2\.0)\d, [-+]0\.0\d\)", background)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(importlib.util.find_spec("ompl") is None, reason="ompl is not installed")
+def test_clear_a_table(run: Run, tmp_path: Path) -> None:
+    printed = run("12")
+    assert "right  way through 4 views and back" in printed
+    assert "of 5 objects with" in printed
+    assert (tmp_path / "outputs/cleared/rounds/000000.json").is_file()

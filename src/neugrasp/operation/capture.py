@@ -32,7 +32,7 @@ def run(config: Capture) -> str:
         with photographer_for(asked) as photographer:
             bench = Bench(asked, photographer, speed=config.speed)
             with bench.world:
-                seen, _ = bench.look(0)
+                seen = bench.look(0)
     else:
         empty = read_empty(empty_folder(cell), cell.camera.camera)
         with opened(cell) as hardware:
