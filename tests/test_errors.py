@@ -6,11 +6,17 @@ import io
 import logging
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from neugrasp.errors import BrokenExtra, MissingExtra, NeuGraspError, require
+import neugrasp
+from neugrasp.data.records import read_record
+from neugrasp.data.scene_sets import open_scenes
+from neugrasp.errors import BrokenExtra, MissingExtra, NeuGraspError, require, told_as
+from neugrasp.model.evaluator_file import load_evaluator
+from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.terminal import TerminalLog, printable
 
 
@@ -79,3 +85,32 @@ def test_the_system_has_what_blender_needs():
     """Fails with the loader's own words where a system library is missing."""
     result = subprocess.run([sys.executable, "-c", "import bpy"], check=False, capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
+
+
+@pytest.mark.parametrize(
+    ("call", "kind"),
+    [
+        (lambda: neugrasp.read_scene("nowhere"), neugrasp.SceneError),
+        (lambda: neugrasp.load_detector("neugrasp", weights="nowhere"), neugrasp.WeightsError),
+        (lambda: neugrasp.Gripper.load("nowhere"), neugrasp.GripperFileError),
+        (lambda: open_scenes(Path("nowhere")), neugrasp.DataError),
+        (lambda: read_record(Path("nowhere")), neugrasp.DataError),
+        (lambda: ObjectLibrary.open(["nowhere"]), neugrasp.ObjectError),
+        (lambda: load_evaluator("nowhere"), neugrasp.WeightsError),
+    ],
+)
+def test_what_cannot_be_used_says_of_what_kind_it_is(call: Callable[[], object], kind: type[Exception]):
+    with pytest.raises(neugrasp.InputError, match="nowhere") as caught:
+        call()
+    assert type(caught.value) is kind
+
+
+def test_an_error_is_told_as_another_kind_with_its_words():
+    for first, second in (
+        (neugrasp.InputError, neugrasp.SceneError),
+        (neugrasp.SceneError, neugrasp.DataError),
+    ):
+        with pytest.raises(second, match="three words here"), told_as(second):
+            raise first("three words here")
+    with pytest.raises(KeyError), told_as(neugrasp.DataError):
+        raise KeyError("not a user's")

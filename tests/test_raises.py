@@ -20,7 +20,10 @@ MAKERS = {"refuse": "InputError"}
 
 
 def raised_by(function: ast.FunctionDef) -> set[str]:
-    """The kinds of error that its body raises itself."""
+    """The kinds of error that its body raises itself, or as which `told_as` tells them."""
+    for decorator in function.decorator_list:
+        if isinstance(decorator, ast.Call) and ast.unparse(decorator.func) == "told_as":
+            return {ast.unparse(decorator.args[0])}
     calls = (node.exc for node in ast.walk(function) if isinstance(node, ast.Raise) and node.exc is not None)
     names = {ast.unparse(call.func if isinstance(call, ast.Call) else call).split(".")[-1] for call in calls}
     return {MAKERS.get(name, name) for name in names} & KINDS
@@ -45,6 +48,7 @@ def test_what_is_unsaid_is_seen():
     code = "class A:\n '''Raises `InputError`.'''\n def __init__(self): raise InputError('')\n"
     assert not list(unsaid(ast.parse(code)))
     assert list(unsaid(ast.parse("def f(x): raise x.refuse('a')"))) == ["f (InputError)"]
+    assert list(unsaid(ast.parse("@told_as(DataError)\ndef f(x): return x"))) == ["f (DataError)"]
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(ROOT)))

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 _HOMES = {
     "Camera": "geometry.camera",
     "Compute": "model.compute",
+    "DataError": "errors",
     "Detection": "detection.contract",
     "Detector": "detection.contract",
     "DetectorOptions": "detection.options",
@@ -27,14 +28,18 @@ _HOMES = {
     "Grasp": "grasp",
     "Grasps": "grasp",
     "Gripper": "gripper",
+    "GripperFileError": "errors",
     "InputError": "errors",
     "NeuGraspDetector": "detection.detector",
     "NeuGraspError": "errors",
+    "ObjectError": "errors",
     "Observation": "observation",
+    "SceneError": "errors",
     "Steering": "detection.options",
     "Surface": "geometry.surface",
     "View": "observation",
     "Views": "observation",
+    "WeightsError": "errors",
     "Workspace": "geometry.workspace",
     "WriteError": "errors",
     "demo_scenes": "demo.bundled",
@@ -53,7 +58,16 @@ if TYPE_CHECKING:
     from neugrasp.detection.options import DetectorOptions, Steering
     from neugrasp.detection.registry import DetectorSpec, load_detector
     from neugrasp.detection.steering import steered
-    from neugrasp.errors import InputError, NeuGraspError, WriteError
+    from neugrasp.errors import (
+        DataError,
+        GripperFileError,
+        InputError,
+        NeuGraspError,
+        ObjectError,
+        SceneError,
+        WeightsError,
+        WriteError,
+    )
     from neugrasp.geometry.camera import Camera
     from neugrasp.geometry.surface import Surface
     from neugrasp.geometry.workspace import Workspace
@@ -65,6 +79,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Camera",
     "Compute",
+    "DataError",
     "Detection",
     "Detector",
     "DetectorOptions",
@@ -73,14 +88,18 @@ __all__ = [
     "Grasp",
     "Grasps",
     "Gripper",
+    "GripperFileError",
     "InputError",
     "NeuGraspDetector",
     "NeuGraspError",
+    "ObjectError",
     "Observation",
+    "SceneError",
     "Steering",
     "Surface",
     "View",
     "Views",
+    "WeightsError",
     "Workspace",
     "WriteError",
     "demo_scenes",

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import ModuleType
 
 
@@ -12,6 +14,26 @@ class NeuGraspError(Exception):
 
 class InputError(NeuGraspError, ValueError):
     """A file or a value given by the user cannot be used."""
+
+
+class SceneError(InputError):
+    """A scene folder, a photo in it, or a capture of another program cannot be used."""
+
+
+class WeightsError(InputError):
+    """Weights cannot be used: missing, damaged, newer, or of something else."""
+
+
+class DataError(InputError):
+    """Scenes to learn from, or what was tried in them, cannot be used."""
+
+
+class ObjectError(InputError):
+    """An object or a set of objects for simulation cannot be used."""
+
+
+class GripperFileError(InputError):
+    """A gripper's file cannot be used."""
 
 
 class WriteError(NeuGraspError):
@@ -34,6 +56,20 @@ class BrokenExtra(NeuGraspError, ImportError):
             "system package that holds it (Blender on Debian or Ubuntu: apt install libx11-6 libxi6 "
             "libxfixes3 libxrender1 libxkbcommon0 libsm6 libgl1)"
         )
+
+
+@contextmanager
+def told_as(kind: type[InputError]) -> Iterator[None]:
+    """An `InputError` of a block, or of a function decorated with it, becomes one of this kind.
+
+    Who calls can tell it from others, and what reads files need not know for whom it reads.
+    """
+    try:
+        yield
+    except InputError as error:
+        if isinstance(error, kind):
+            raise
+        raise kind(*error.args) from error
 
 
 def require(module: str, extra: str) -> ModuleType:

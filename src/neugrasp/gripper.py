@@ -19,7 +19,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from neugrasp.data.fields import Fields
 from neugrasp.data.strict_json import read_json
-from neugrasp.errors import InputError
+from neugrasp.errors import GripperFileError, InputError, told_as
 from neugrasp.geometry.pose import Array
 
 FORMAT, VERSION = "neugrasp-gripper", 1
@@ -82,8 +82,9 @@ class Gripper:
     """Newton with which the gear keeps both fingers at the same distance from the middle."""
 
     @classmethod
+    @told_as(GripperFileError)
     def load(cls, name_or_path: str | Path) -> Gripper:
-        """A bundled gripper by name, or a gripper file. Raises `InputError` naming the file and the field."""
+        """A bundled gripper by name, or a file. Raises `GripperFileError` naming the file and the field."""
         path = _file_of(name_or_path)
         return _gripper(Fields(str(path), read_json(path, "a gripper")))
 

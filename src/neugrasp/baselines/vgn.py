@@ -22,7 +22,7 @@ from neugrasp.detection.decode import Prediction, Selection, SelectionConfig, se
 from neugrasp.detection.detector import check_cube, noted_facts, threshold_of
 from neugrasp.detection.options import DetectorOptions
 from neugrasp.detection.registry import DEPTH, DetectorSpec, weights_facts
-from neugrasp.errors import InputError
+from neugrasp.errors import InputError, WeightsError, told_as
 from neugrasp.geometry.fusion import Grid, Tsdf, fuse, vgn_grid
 from neugrasp.geometry.pose import inverse, rigid
 from neugrasp.geometry.workspace import Workspace
@@ -49,8 +49,9 @@ PUBLIC_NAMES = {
 """Layers of the public checkpoint and of `GraspHead`."""
 
 
+@told_as(WeightsError)
 def load_vgn_head(path: Path) -> GraspHead:
-    """The network with the weights of a public checkpoint, 18 tensors. Raises `InputError`."""
+    """The network with the weights of a public checkpoint, 18 tensors. Raises `WeightsError`."""
     try:
         state = torch.load(path, map_location="cpu", weights_only=True)
     # The unpickler raises whatever a foreign byte leads it to.

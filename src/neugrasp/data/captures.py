@@ -14,7 +14,7 @@ import numpy as np
 from neugrasp.data.grasp_scene import GraspScene
 from neugrasp.data.labels import GraspLabels, labels_from_bytes, labels_to_bytes
 from neugrasp.data.scene_folder import FILE, read_scene, write_scene
-from neugrasp.errors import InputError
+from neugrasp.errors import DataError, InputError, told_as
 from neugrasp.geometry.pose import inverse
 from neugrasp.observation import Views
 from neugrasp.output import whole_file
@@ -29,10 +29,11 @@ def is_capture(folder: Path) -> bool:
     return (folder / FILE).is_file() and not (folder / "truth.npz").is_file()
 
 
+@told_as(DataError)
 def read_capture(folder: Path, targets: bool = True) -> GraspScene:
     """The scene in `folder`, without its `targets/` where they are not wanted.
 
-    Raises `InputError` naming the file that is damaged, or what does not fit.
+    Raises `DataError` naming the file that is damaged, or what does not fit.
     """
     folder = Path(folder)
     views = _at_origin(read_scene(folder))

@@ -18,7 +18,7 @@ from neugrasp.data.fields import Fields
 from neugrasp.data.npz import Columns, check_columns, npz_arrays, npz_bytes
 from neugrasp.data.strict_json import read_json
 from neugrasp.data.user_files import read_bytes
-from neugrasp.errors import InputError
+from neugrasp.errors import DataError, InputError, told_as
 from neugrasp.geometry.workspace import USUAL
 from neugrasp.output import whole_file
 
@@ -74,8 +74,9 @@ def write_lesson(path: Path, lesson: Lesson) -> None:
         part.write_bytes(npz_bytes(grids=lesson.grids.astype(np.float16), **columns))
 
 
+@told_as(DataError)
 def read_lesson(path: Path) -> Lesson:
-    """The inverse of `write_lesson`. Raises `InputError` naming the file where it is damaged."""
+    """The inverse of `write_lesson`. Raises `DataError` naming the file where it is damaged."""
     try:
         data = read_bytes(path)
     except FileNotFoundError:

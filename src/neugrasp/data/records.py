@@ -27,7 +27,7 @@ from neugrasp.data.strict_json import read_json
 from neugrasp.data.trials import Trials, trials_from_bytes, trials_to_bytes
 from neugrasp.data.truth_file import truth_from_bytes, truth_to_bytes
 from neugrasp.data.world import Scene, scene_from_json, scene_to_json
-from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.errors import DataError, InputError, NeuGraspError, told_as
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.observation import View, Views
@@ -173,10 +173,11 @@ PhotosWanted = Literal["all", "inputs", "none"]
 """Which photos of a record are read."""
 
 
+@told_as(DataError)
 def read_record(folder: Path, photos: PhotosWanted = "all", trials: bool = True) -> Record:
     """The record in `folder`, with what of photos and trials is wanted.
 
-    Raises `InputError` naming the file that is missing or damaged, and how the record is made again.
+    Raises `DataError` naming the file that is missing or damaged, and how the record is made again.
     """
     folder = Path(folder)
     try:

@@ -23,7 +23,7 @@ from neugrasp.data.photo_files import read_image
 from neugrasp.data.spelling import plain
 from neugrasp.data.strict_json import read_object
 from neugrasp.data.user_files import check_name
-from neugrasp.errors import InputError
+from neugrasp.errors import InputError, SceneError, told_as
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.workspace import USUAL, Workspace
 from neugrasp.observation import MAX_VIEWS, Image, View, Views
@@ -50,10 +50,11 @@ STRAIGHT = (
 logger = logging.getLogger(__name__)
 
 
+@told_as(SceneError)
 def read_scene(path: str | Path) -> Views:
     """The scene in folder `path` (or whose `scene.json` is `path`).
 
-    Raises `InputError` that names the file and the view, what is wrong, and what would be right.
+    Raises `SceneError` that names the file and the view, what is wrong, and what would be right.
     """
     path = Path(path)
     folder = path.parent if path.name == FILE else path

@@ -11,7 +11,7 @@ from neugrasp.data.captures import LABELS_FILE, is_capture, read_capture
 from neugrasp.data.grasp_scene import GraspScene
 from neugrasp.data.records import PhotosWanted, Record, read_record
 from neugrasp.data.shards import INDEX, Shards
-from neugrasp.errors import InputError
+from neugrasp.errors import DataError, InputError, told_as
 
 
 class SceneSet(Protocol):
@@ -88,10 +88,11 @@ _MARKS = ("truth.npz", LABELS_FILE)
 """Files whose sizes tell one making of a scene from another."""
 
 
+@told_as(DataError)
 def open_scenes(folder: Path) -> SceneSet:
     """The scenes in a folder of shards, in one that `neugrasp generate` wrote, or of a real cell.
 
-    Raises `InputError` where there are none.
+    Raises `DataError` where there are none.
     """
     return Shards(folder) if (folder / INDEX).is_file() else SceneFolder(folder)
 

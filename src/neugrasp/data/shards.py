@@ -34,7 +34,7 @@ from neugrasp.data.strict_json import parse_json, read_json
 from neugrasp.data.trials import trials_from_bytes
 from neugrasp.data.truth_file import truth_from_bytes
 from neugrasp.data.world import camera_from_dict, scene_from_json
-from neugrasp.errors import InputError
+from neugrasp.errors import DataError, InputError, told_as
 from neugrasp.observation import Image
 
 FORMAT = "neugrasp-shards"
@@ -83,6 +83,7 @@ class Shards(Sequence[Record]):
         """A scene to learn from. Raises like indexing."""
         return self.read(index, photos, trials=False).grasp_scene()
 
+    @told_as(DataError)
     def read(self, index: int, photos: PhotosWanted = "all", trials: bool = True) -> Record:
         """The record at `index`, with what of photos and trials is wanted. Raises like indexing."""
         entry = self.entries[index]

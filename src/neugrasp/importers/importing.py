@@ -11,7 +11,7 @@ from neugrasp.data.camera_checks import check_scene
 from neugrasp.data.photo_files import image_size
 from neugrasp.data.scene_folder import write_scene
 from neugrasp.data.whole_or_nothing import whole_or_nothing
-from neugrasp.errors import InputError
+from neugrasp.errors import InputError, SceneError, told_as
 from neugrasp.geometry.pose import inverse
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.importers.alignment import align, read_alignment
@@ -34,8 +34,9 @@ Format = Literal["nerfstudio", "colmap", "robot", "board"]
 logger = logging.getLogger(__name__)
 
 
+@told_as(SceneError)
 def import_scene(run: Import) -> Views:
-    """Writes the scene folder, whole or not at all, and returns what is in it. Raises `InputError`."""
+    """Writes the scene folder, whole or not at all, and returns what is in it. Raises `SceneError`."""
     if run.out.exists() and (not run.out.is_dir() or any(run.out.iterdir())):
         raise InputError(f"{run.out}: exists and is not empty; name a new folder for the scene")
     if not run.source.exists():

@@ -12,7 +12,7 @@ from typing import Any, Protocol, TypeVar
 from torch import Tensor, nn
 
 from neugrasp.data.fields import Fields
-from neugrasp.errors import InputError
+from neugrasp.errors import InputError, WeightsError, told_as
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.config import ModelConfig, NetworkConfig
 from neugrasp.model.network import NeuGrasp
@@ -88,13 +88,15 @@ def shipped_weights() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.safetensors"))}
 
 
+@told_as(WeightsError)
 def find_weights(name_or_path: str | Path) -> Path:
-    """The file of shipped weights, by name, or of the user's own; raises `InputError` when there is none."""
+    """The file of shipped weights, by name, or of the user's own; raises `WeightsError` where none is."""
     return named_file(name_or_path, shipped_weights(), "weights", "weights")
 
 
+@told_as(WeightsError)
 def load_checkpoint(name_or_path: str | Path) -> Checkpoint:
-    """Reads weights by name or from a file. Raises `InputError` on a damaged, foreign or newer file."""
+    """Reads weights by name or from a file. Raises `WeightsError` on a damaged, foreign or newer file."""
     path = find_weights(name_or_path)
     metadata, tensors = _weights_of(path, NEUGRASP)
     config = _config_from(described(path, metadata, "config"))
@@ -107,10 +109,11 @@ Config = TypeVar("Config", bound=NetworkConfig)
 Network = TypeVar("Network", bound=nn.Module)
 
 
+@told_as(WeightsError)
 def load_network(
     path: Path, name: str, kind: type[Config], build: Callable[[Config, Workspace], Network]
 ) -> Network:
-    """A network of another name with its weights, float32, ready to predict. Raises as `load_checkpoint`."""
+    """A network of another name with its weights, float32, ready to predict. Raises `WeightsError` as `load_checkpoint`."""
     metadata, tensors = _weights_of(path, name)
     given = described(path, metadata, "config")
     known = {one.name: getattr(kind(), one.name) for one in fields(kind)}
@@ -123,8 +126,9 @@ def load_network(
     return network.eval()
 
 
+@told_as(WeightsError)
 def network_of(path: Path) -> str:
-    """The name of the network that weights are of. Raises as `load_checkpoint`."""
+    """The name of the network that weights are of. Raises `WeightsError` as `load_checkpoint`."""
     return read_weights(path, FORMAT, "NeuGrasp weights")[0].get("network", NEUGRASP)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from torch import Tensor
 
+from neugrasp.errors import WeightsError, told_as
 from neugrasp.geometry.workspace import USUAL, Workspace
 from neugrasp.model.grasp_evaluator import BOX, GraspEvaluator
 from neugrasp.model.weights_file import (
@@ -62,8 +63,9 @@ def find_evaluator(name_or_path: str | Path) -> Path:
     return named_file(name_or_path, shipped_evaluators(), "evaluator", "ones")
 
 
+@told_as(WeightsError)
 def load_evaluator(name_or_path: str | Path) -> EvaluatorFile:
-    """Reads an evaluator by name or from a file. Raises `InputError` on a missing, damaged or newer file."""
+    """Reads an evaluator by name or from a file. Raises `WeightsError` on a missing, damaged, newer one."""
     path = find_evaluator(name_or_path)
     metadata, tensors = read_weights(path, FORMAT, "an evaluator of grasps")
     config = described(path, metadata, "config")

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from neugrasp.errors import InputError, MissingExtra
+from neugrasp.errors import InputError, MissingExtra, ObjectError, told_as
 from neugrasp.simulation.glassware import GlasswareSet
 from neugrasp.simulation.meshes import merged, read_obj, write_obj
 from neugrasp.simulation.object_model import ObjectModel, cache_folder, triple
@@ -162,8 +162,9 @@ class ObjectLibrary:
         return ObjectLibrary(tuple(opened))
 
     @classmethod
+    @told_as(ObjectError)
     def open(cls, sets: Sequence[str], folder: str | Path | None = None) -> ObjectLibrary:
-        """The named sets, each of "folder", "pybullet" and "glassware". Raises `InputError`."""
+        """The named sets, each of "folder", "pybullet" and "glassware". Raises `ObjectError`."""
         if not sets or len(set(sets)) != len(sets):
             raise InputError(f"object sets {list(sets)}; name at least one, each once")
         return cls._open(tuple(sets), None if folder is None else Path(folder))
