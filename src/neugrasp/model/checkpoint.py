@@ -113,7 +113,10 @@ Network = TypeVar("Network", bound=nn.Module)
 def load_network(
     path: Path, name: str, kind: type[Config], build: Callable[[Config, Workspace], Network]
 ) -> Network:
-    """A network of another name with its weights, float32, ready to predict. Raises `WeightsError` as `load_checkpoint`."""
+    """A network of another name with its weights, float32, ready to predict.
+
+    Raises `WeightsError` as `load_checkpoint` does.
+    """
     metadata, tensors = _weights_of(path, name)
     given = described(path, metadata, "config")
     known = {one.name: getattr(kind(), one.name) for one in fields(kind)}
@@ -128,7 +131,7 @@ def load_network(
 
 @told_as(WeightsError)
 def network_of(path: Path) -> str:
-    """The name of the network that weights are of. Raises `WeightsError` as `load_checkpoint`."""
+    """The name of the network that weights are of. Raises `WeightsError`."""
     return read_weights(path, FORMAT, "NeuGrasp weights")[0].get("network", NEUGRASP)
 
 
