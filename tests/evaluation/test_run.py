@@ -194,7 +194,7 @@ def test_another_evaluation_is_refused_and_nothing_is_touched(undisturbed: Path)
         ({"seed": -1}, "--seed -1"),
         ({"workers": 0}, "--workers 0"),
         ({"rounds": 0}, "--rounds 0"),
-        ({"detector": "vgn"}, "public checkpoint"),
+        ({"detector": "vgn", "weights": "nothing"}, "no weights 'nothing'"),
         ({"detector": "anygrasp"}, "choose one of antipodal, .*neugrasp, .*vgn, or name one as package"),
         ({"detector": "nowhere:SPEC"}, "--detector nowhere:SPEC: cannot be imported"),
         ({"detector": "toy_detector:NONE"}, "--detector toy_detector:NONE: cannot be imported"),
