@@ -86,7 +86,8 @@ def test_who_has_the_token_may_come_by_any_name_but_not_from_another_page(start:
 @pytest.mark.parametrize("says_length", [True, False])
 def test_a_body_that_is_too_large_is_not_read(start: Start, says_length: bool):
     running = start(largest_mb=0.05)
-    body = b"x" * 10**6
+    part = b'--edge\r\nContent-Disposition: form-data; name="scene"; filename="scene.json"\r\n\r\n'
+    body = part + b"x" * 10**6
     content = body if says_length else iter([body[i : i + 10**4] for i in range(0, len(body), 10**4)])
     try:
         answer = httpx.post(f"{running.url}/v1/detect", content=content, headers={"Content-Type": MULTIPART})

@@ -25,7 +25,7 @@ import pytest
 from neugrasp.data.npz import npz_arrays, npz_bytes
 from neugrasp.data.packing import pack
 from neugrasp.data.records import read_record
-from neugrasp.data.truth_file import TRUTH_ARRAYS
+from neugrasp.data.truth_file import OPTIONAL, TRUTH_ARRAYS
 from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.simulation import generate as generation
 from neugrasp.simulation.command import Generate
@@ -118,7 +118,7 @@ def test_a_data_set_made_without_mesh_distances_is_given_those_it_would_have(
     old = tmp_path / "old"
     shutil.copytree(undisturbed, old)
     for path in old.glob("scenes/*/truth.npz"):
-        kinds = {name: kind for name, kind in TRUTH_ARRAYS.items() if name not in ("distance", "stereo")}
+        kinds = {name: kind for name, kind in TRUTH_ARRAYS.items() if name not in OPTIONAL}
         arrays = npz_arrays(path.read_bytes(), kinds, str(path))
         path.write_bytes(npz_bytes(**arrays))
     assert digest(old) != digest(undisturbed)

@@ -141,7 +141,8 @@ def test_shift_and_a_click_choose_an_object_and_its_region(
     region = show.settings.region
     place = apply(WORLD_FROM_WORKSPACE, BALL)
     assert all(low < x < high for low, x, high in zip(region[:3], place, region[3:], strict=True))
-    assert "--region " + " ".join(f"{edge:g}" for edge in region) in show.panel.words
+    words = "--region " + " ".join(f"{edge:g}" for edge in region)
+    assert until(lambda: words in show.panel.words)
     shown[1].click(*pixel_of(contents, (0.03, 0.03, 0.05), WINDOW, PAGE_ASPECT), shift=True)
     assert until(lambda: show.settings.region is None)
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from torch import Tensor
 
+from neugrasp.data.fields import shown
 from neugrasp.errors import WeightsError, told_as
 from neugrasp.geometry.workspace import USUAL, Workspace
 from neugrasp.model.grasp_evaluator import BOX, GraspEvaluator
@@ -71,10 +72,10 @@ def load_evaluator(name_or_path: str | Path) -> EvaluatorFile:
     config = described(path, metadata, "config")
     config.only(("box", "widths", "hidden"))
     if tuple(config.list("box")) != BOX:
-        raise config.refuse("box", f"is {config.list('box')}; this program reads boxes of {list(BOX)}")
+        raise config.refuse("box", f"is {shown(config.list('box'))}; this program reads boxes of {list(BOX)}")
     widths = config.list("widths")
     if len(widths) != 3 or not all(type(w) is int and 0 < w <= WIDEST for w in widths):
-        raise config.refuse("widths", f"is {widths}; it must be three whole numbers of 1 to {WIDEST}")
+        raise config.refuse("widths", f"is {shown(widths)}; it must be three whole numbers of 1 to {WIDEST}")
     about = described(path, metadata, "about")
     if "threshold" in about.data:
         about.number("threshold", 0, 1)

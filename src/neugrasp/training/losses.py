@@ -69,7 +69,7 @@ def table_loss(
     return sample_volume(sdf.unsqueeze(0), workspace.to_unit(points)).abs().mean()
 
 
-def eikonal_loss(sdf: Float[Tensor, "r r r"], seen: Bool[Tensor, "r r r"], workspace: Workspace) -> Scalar:
+def eikonal_loss(sdf: Float[Tensor, "x y z"], seen: Bool[Tensor, "x y z"], workspace: Workspace) -> Scalar:
     """Mean of (|gradient| - 1)^2 by differences on the grid, where the distance is not truncated.
 
     sdf in truncation units, so that lengths are metres over metres. The
