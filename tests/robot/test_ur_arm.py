@@ -59,8 +59,7 @@ def test_a_motion_arrives_as_it_was_planned(fake: FakeUr):
         ("protective", ProtectiveStop),
         ("emergency", EmergencyStop),
         ("silent", ConnectionLost),
-        # What is noticed first: that the connection is gone, or the program at its other end.
-        ("drop", RobotError),
+        ("drop", ConnectionLost),
     ],
 )
 def test_a_fault_ends_the_motion_and_nothing_moves_afterwards(

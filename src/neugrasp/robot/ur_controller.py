@@ -153,8 +153,9 @@ class Controller:
                 f"{self._address}: the controller has said nothing for {now - self._seen:.1f} s"
             )
         if not self._control.isProgramRunning():
-            # Its reason may come with the next news only.
+            # Its reason may come with the next news only; where none come, the connection is the reason.
             time.sleep(NEWS_S)
+            self._hear()
         if self._receive.isEmergencyStopped():
             raise EmergencyStop(f"{self._address}: emergency stop; release it and look before going on")
         if self._receive.isProtectiveStopped():
