@@ -121,9 +121,8 @@ def train_evaluator(run: EvaluatorRun, stop_after: int | None = None) -> Path:
         log.info("%d trials of %d files, %d kept aside", len(taught.success), len(kept), len(judged.success))
         weights = run.out / "evaluator.safetensors"
 
-        def keep(step: int) -> None:
+        def keep(step: int, scores: dict[str, float]) -> None:
             about = {"steps": step, "trials": len(taught.success), "files": len(kept), **gripper}
-            scores = judgement(learner.smooth, judged)
             told = about | {"commit": source_commit(), "scores": scores, "config": asdict(config)}
             save_evaluator(weights, learner.smooth, workspace, told)
 
@@ -140,7 +139,9 @@ def train_evaluator(run: EvaluatorRun, stop_after: int | None = None) -> Path:
         )
         if start < last:
             follow(course, start, last)
-        keep(last)
+        if start >= last or last < config.steps:
+            # Else the last validation has just done so.
+            keep(last, judgement(learner.smooth, judged))
     return weights
 
 

@@ -69,8 +69,8 @@ class Course:
     ranks: Ranks
     judge: Callable[[Any, int], dict[str, float]] | None
     """Model, steps done -> scores by name."""
-    keep: Callable[[int], None]
-    """Writes the learner's weights after so many steps."""
+    keep: Callable[[int, dict[str, float]], None]
+    """Writes the learner's weights after so many steps, with these scores."""
     loaders: int = 0
     """Processes that make batches ahead."""
     loggers: Sequence[str] = ()
@@ -151,7 +151,7 @@ def _validate(course: Course, step: int, records: TrainingLog, early: EarlyStop)
     scores = course.judge(course.learner.smooth, step)
     records.validation(step, scores)
     if early.add(scores):
-        course.keep(step)
+        course.keep(step, scores)
     said = {name: round(value, 3) for name, value in scores.items() if " " not in name}
     log.info("step %d validation: %s", step, said)
 

@@ -76,7 +76,7 @@ def _trained(run: Train, config: TrainConfig, stop_after: int | None) -> Path:
         def judge(network: Any, step: int) -> dict[str, float]:
             return spec.judge(network, held_out, config, step, run.out)
 
-        def keep(step: int) -> None:
+        def keep(step: int, _scores: dict[str, float] | None = None) -> None:
             about = _about(run, config, step, len(scenes))
             save_checkpoint(weights, learner.smooth, about, network=config.network)
 
