@@ -94,6 +94,9 @@ def test_one_view_is_too_few(tmp_path: Path):
     write_capture(tmp_path / "one", Views(views.frames[:1], views.workspace), ball_record().labels)
     with pytest.raises(InputError, match=r"one: has 1 view; .* takes 2"):
         read_capture(tmp_path / "one")
+    write_scene(tmp_path / "one" / "targets", ball_record().target_views())
+    for targets in (True, False):
+        assert len(read_capture(tmp_path / "one", targets).views or ()) == 1
 
 
 def test_targets_of_another_cube_are_refused(capture: Path):

@@ -12,14 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from neugrasp.data.grasp_scene import GraspScene
-from neugrasp.data.labels import GraspLabels, labels_from_bytes, labels_to_bytes
+from neugrasp.data.labels import LABELS_FILE, GraspLabels, labels_from_bytes, labels_to_bytes
 from neugrasp.data.scene_folder import FILE, read_scene, write_scene
 from neugrasp.errors import DataError, InputError, told_as
 from neugrasp.geometry.pose import inverse
 from neugrasp.observation import Views
 from neugrasp.output import whole_file
 
-LABELS_FILE = "grasps.npz"
 FEWEST_VIEWS = 2
 """One to see, and one to compare with."""
 
@@ -42,15 +41,19 @@ def read_capture(folder: Path, targets: bool = True) -> GraspScene:
         data = labels.read_bytes()
     except OSError as error:
         raise InputError(f"{labels}: cannot be read ({error.strerror}); it holds the grasps tried") from error
-    scene = GraspScene(
+    compared = _targets(folder / "targets", views) if targets else None
+    if targets and compared is None and len(views) < FEWEST_VIEWS:
+        raise InputError(
+            f"{folder}: has 1 view; to learn from photos alone takes {FEWEST_VIEWS}: one is compared with "
+            "what the others say (8 in two groups of 4 is what the paper has)"
+        )
+    return GraspScene(
         name=folder.name,
         workspace=views.workspace,
         labels=labels_from_bytes(data, str(labels)),
         views=views,
-        targets=_targets(folder / "targets", views) if targets else None,
+        targets=compared,
     )
-    _check(scene, folder)
-    return scene
 
 
 def write_labels(folder: Path, labels: GraspLabels) -> None:
@@ -79,16 +82,3 @@ def _at_origin(views: Views) -> Views:
     workspace_from_world = inverse(views.workspace.world_from_workspace)
     frames = [replace(view, camera=view.camera.moved(workspace_from_world)) for view in views.frames]
     return Views(tuple(frames), replace(views.workspace, world_from_workspace=np.eye(4)), views.source)
-
-
-def _check(scene: GraspScene, folder: Path) -> None:
-    count = len(scene.labels.success)
-    for name, shape in {"points": (count, 3), "quaternions": (count, 4), "widths": (count,)}.items():
-        found = getattr(scene.labels, name).shape
-        if found != shape:
-            raise InputError(f"{folder / LABELS_FILE}: {name} has shape {found}; it must be {shape}")
-    if scene.views is not None and scene.targets is None and len(scene.views) < FEWEST_VIEWS:
-        raise InputError(
-            f"{folder}: has 1 view; to learn from photos alone takes {FEWEST_VIEWS}: one is compared with "
-            "what the others say (8 in two groups of 4 is what the paper has)"
-        )

@@ -8,7 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp.data.npz import npz_arrays, npz_bytes
+from neugrasp.errors import InputError
 
+LABELS_FILE = "grasps.npz"
+"""In the folder of a record or of a capture."""
 KINDS = {"points": "f", "quaternions": "f", "widths": "f", "success": "b"}
 
 
@@ -39,5 +42,11 @@ def labels_to_bytes(labels: GraspLabels) -> bytes:
 
 
 def labels_from_bytes(data: bytes, source: str) -> GraspLabels:
-    """The inverse of `labels_to_bytes`."""
-    return GraspLabels(**npz_arrays(data, KINDS, source))
+    """The inverse of `labels_to_bytes`. Raises `InputError` naming `source` where it is damaged."""
+    labels = GraspLabels(**npz_arrays(data, KINDS, source))
+    count = len(labels.success)
+    for name, shape in {"points": (count, 3), "quaternions": (count, 4), "widths": (count,)}.items():
+        found = getattr(labels, name).shape
+        if found != shape:
+            raise InputError(f"{source}: {name} has shape {found}; it must be {shape}")
+    return labels

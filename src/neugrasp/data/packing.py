@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as Picture
 
-from neugrasp.data.captures import LABELS_FILE, is_capture
-from neugrasp.data.labels import labels_to_bytes
+from neugrasp.data.captures import is_capture
+from neugrasp.data.labels import LABELS_FILE, labels_to_bytes
 from neugrasp.data.records import TRIALS_FILE, PhotosWanted, Record, read_record
 from neugrasp.data.shards import FORMAT, IMAGES, INDEX, VERSION
 from neugrasp.data.trials import trials_to_bytes
@@ -100,7 +100,7 @@ def _shards(
             "kind": record.kind,
             "materials": list(record.materials),
             "photos": record.has_photos,
-            "sha256": hashlib.sha256(members[f"{record.name}/grasps.npz"]).hexdigest()[:16],
+            "sha256": hashlib.sha256(members[f"{record.name}/{LABELS_FILE}"]).hexdigest()[:16],
         }
         shard.entries.append(entry)
     yield shard
@@ -138,7 +138,7 @@ def _members(record: Record, quality: int | None) -> dict[str, bytes]:
     }
     members[f"{record.name}/record.json"] = json.dumps(description).encode()
     members[f"{record.name}/truth.npz"] = truth_to_bytes(record.truth, record.stereo)
-    members[f"{record.name}/grasps.npz"] = labels_to_bytes(record.labels)
+    members[f"{record.name}/{LABELS_FILE}"] = labels_to_bytes(record.labels)
     if record.trials is not None:
         members[f"{record.name}/{TRIALS_FILE}"] = trials_to_bytes(record.trials)
     return members

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from neugrasp.data.fields import Fields
 from neugrasp.data.grasp_scene import GraspScene, SceneTruth
-from neugrasp.data.labels import GraspLabels, labels_from_bytes, labels_to_bytes
+from neugrasp.data.labels import LABELS_FILE, GraspLabels, labels_from_bytes, labels_to_bytes
 from neugrasp.data.scene_folder import read_scene, write_scene
 from neugrasp.data.strict_json import read_json
 from neugrasp.data.trials import Trials, trials_from_bytes, trials_to_bytes
@@ -32,7 +32,7 @@ from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.observation import View, Views
 
-FILES = ("world.json", "cell.json", "truth.npz", "grasps.npz")
+FILES = ("world.json", "cell.json", "truth.npz", LABELS_FILE)
 TRIALS_FILE = "trials.npz"
 PHOTO_FILES = ("scene.json", "targets/scene.json")
 NO_PHOTOS = np.zeros((0, 0, 0, 3), np.uint8)
@@ -199,7 +199,7 @@ def _read(folder: Path, photos: PhotosWanted, trials: bool) -> Record:
         scene=world,
         cell=cell,
         **(truth | (_photos(folder, photos) if cell.get("photos", True) else without_photos())),
-        labels=labels_from_bytes((folder / "grasps.npz").read_bytes(), str(folder / "grasps.npz")),
+        labels=labels_from_bytes((folder / LABELS_FILE).read_bytes(), str(folder / LABELS_FILE)),
         trials=read_trials(folder) if trials else None,
     )
     check_record(record, str(folder))
@@ -244,15 +244,11 @@ def check_record(record: Record, source: str) -> None:
     """Raises `InputError` naming `source` where the parts of a record do not fit together."""
     n, height, width = record.images.shape[:3]
     resolution = record.workspace.resolution
-    k = len(record.labels.success)
     expected = {
         "depth": (record.depths.shape, (n, height, width)),
         "masks": (record.masks.shape, (n, height, width)),
         "tsdf": (record.tsdf.shape, (resolution,) * 3),
         "observed": (record.observed.shape, (resolution,) * 3),
-        "points": (record.labels.points.shape, (k, 3)),
-        "quaternions": (record.labels.quaternions.shape, (k, 4)),
-        "widths": (record.labels.widths.shape, (k,)),
         "materials": ((len(record.scene.materials),), (len(record.scene.bodies),)),
     }
     if record.stereo is not None:
@@ -275,7 +271,7 @@ def _write_files(folder: Path, record: Record) -> None:
         json.dumps(record.cell, indent=1, sort_keys=True) + "\n", encoding="utf-8"
     )
     (folder / "truth.npz").write_bytes(truth_to_bytes(record.truth, record.stereo))
-    (folder / "grasps.npz").write_bytes(labels_to_bytes(record.labels))
+    (folder / LABELS_FILE).write_bytes(labels_to_bytes(record.labels))
     if record.trials is not None:
         (folder / TRIALS_FILE).write_bytes(trials_to_bytes(record.trials))
 

@@ -7,8 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
 
-from neugrasp.data.captures import LABELS_FILE, is_capture, read_capture
+from neugrasp.data.captures import is_capture, read_capture
 from neugrasp.data.grasp_scene import GraspScene
+from neugrasp.data.labels import LABELS_FILE
 from neugrasp.data.records import PhotosWanted, Record, read_record
 from neugrasp.data.shards import INDEX, Shards
 from neugrasp.errors import DataError, InputError, told_as

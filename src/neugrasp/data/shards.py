@@ -20,7 +20,7 @@ from PIL import Image as Picture
 
 from neugrasp.data.fields import Fields, shown
 from neugrasp.data.grasp_scene import GraspScene
-from neugrasp.data.labels import labels_from_bytes
+from neugrasp.data.labels import LABELS_FILE, labels_from_bytes
 from neugrasp.data.npz import DAMAGE, reason_of
 from neugrasp.data.records import (
     NO_PHOTOS,
@@ -133,7 +133,7 @@ def _record(archive: zipfile.ZipFile, name: str, source: str, photos: PhotosWant
         scene=scene_from_json(json.dumps(description["scene"]), source),
         cell=Fields(source, description["cell"], "cell.").data,
         **(truth | _seen(archive, description, photos)),
-        labels=labels_from_bytes(_member(archive, f"{name}/grasps.npz"), source),
+        labels=labels_from_bytes(_member(archive, f"{name}/{LABELS_FILE}"), source),
         trials=trials_from_bytes(_member(archive, file), source) if has_trials else None,
     )
     check_record(record, source)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from neugrasp.data.camera_checks import check_rigid
-from neugrasp.data.labels import labels_from_bytes
+from neugrasp.data.labels import LABELS_FILE, labels_from_bytes
 from neugrasp.data.npz import npz_arrays
 from neugrasp.data.scene_folder import FILE, read_scene
 from neugrasp.data.world import scene_from_json
@@ -135,7 +135,7 @@ def _truth(folder: Path, workspace: Workspace, gripper: Gripper, objects: Path |
     solids: tuple[Solid, ...] = ()
     if world.is_file():
         solids = solids_of(scene_from_json(world.read_text(encoding="utf-8"), world), objects)
-    return Truth(tsdf, solids, _true_grasps(folder / "grasps.npz", gripper))
+    return Truth(tsdf, solids, _true_grasps(folder / LABELS_FILE, gripper))
 
 
 def _true_grasps(file: Path, gripper: Gripper) -> tuple[Candidate, ...]:
