@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import TypeVar
+from typing import Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from PIL import Image as Picture
 
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
+from neugrasp.geometry.pose import inverse
 from neugrasp.geometry.workspace import Workspace
 
 Image = NDArray[np.uint8]
@@ -133,6 +134,12 @@ class Observation:
             if channel in self.channels
         ]
         return _png(np.concatenate(rows)) if rows else None
+
+    def in_workspace_frame(self) -> Self:
+        """The same, described in the frame of its cube."""
+        workspace_from_world = inverse(self.workspace.world_from_workspace)
+        frames = tuple(replace(f, camera=f.camera.moved(workspace_from_world)) for f in self.frames)
+        return replace(self, frames=frames, workspace=replace(self.workspace, world_from_workspace=np.eye(4)))
 
     @property
     def channels(self) -> frozenset[str]:

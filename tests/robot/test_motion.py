@@ -11,20 +11,18 @@ import pytest
 
 from neugrasp.detection.contract import Detection
 from neugrasp.geometry.pose import Array, rigid, rotation_about
-from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp, Grasps
-from neugrasp.gripper import Gripper
 from neugrasp.robot.cell_file import CellFile
 from neugrasp.robot.errors import InCollision, NoPlan, OutsideZone, TooLow, Unreachable
 from neugrasp.robot.limits import Box
 from neugrasp.robot.motion import Motion, PickPlan
 from neugrasp.robot.simulated_cameras import TruthCamera
 from neugrasp.robot.trajectory import Pace, Trajectory, timed
-from neugrasp.robot.workcell import cameras_of, moved_to, planner_of, tour_of
+from neugrasp.robot.workcell import cameras_of, planner_of, tour_of
 from neugrasp.simulation.arm import JointedArm
 from neugrasp.simulation.physics import World
-from robot_cells import down_at, example
-from toy_boxes import Boxes, box, boxes_scene, grasp_of
+from robot_cells import down_at
+from toy_boxes import box, boxes_scene, grasp_of
 
 pytestmark = pytest.mark.skipif(find_spec("ompl") is None, reason="needs neugrasp[robot]")
 
@@ -38,22 +36,6 @@ DENSE = 0.01
 """Radians between two positions that are looked at."""
 INSIDE = -0.0015
 """Metres by which bodies must overlap to count: the engine's shapes are a millimetre thicker than ours."""
-
-
-@pytest.fixture(scope="module")
-def cell() -> CellFile:
-    return moved_to(example(), Workspace())
-
-
-@pytest.fixture(scope="module")
-def motion(cell: CellFile) -> Motion:
-    return planner_of(cell)
-
-
-@pytest.fixture(scope="module")
-def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
-    with World(Workspace(), Boxes(tmp_path_factory.mktemp("boxes")), Gripper.load("robotiq_2f85")) as world:
-        yield world
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
 from dataclasses import replace
 from importlib.util import find_spec
 
@@ -15,9 +14,7 @@ from neugrasp.evaluation.declutter import Game, declutter
 from neugrasp.evaluation.protocols import protocol_of, strategy_of
 from neugrasp.evaluation.witness import SimulatedWitness
 from neugrasp.geometry.pose import rotation_about
-from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp, Grasps
-from neugrasp.gripper import Gripper
 from neugrasp.robot.cell_file import CellFile
 from neugrasp.robot.errors import MotionTimeout, Stopped, TooLow
 from neugrasp.robot.interface import Robot
@@ -28,31 +25,15 @@ from neugrasp.robot.simulated_cameras import Truth, TruthCamera
 from neugrasp.robot.tour import TouringCamera
 from neugrasp.robot.trajectory import Trajectory
 from neugrasp.robot.twin import TwinArm, TwinRobot
-from neugrasp.robot.workcell import cameras_of, moved_to, planner_of, tour_of
+from neugrasp.robot.workcell import cameras_of, planner_of, tour_of
 from neugrasp.simulation.physics import World
-from robot_cells import down_at, example
-from toy_boxes import Boxes, box, boxes_scene, grasp_of
+from robot_cells import down_at
+from toy_boxes import box, boxes_scene, grasp_of
 
 pytestmark = pytest.mark.skipif(find_spec("ompl") is None, reason="needs neugrasp[robot]")
 
 UP = np.array([0.0, 0.0, 1.0])
 BODIES = (box(0.08, 0.1), box(0.22, 0.1), box(0.15, 0.22))
-
-
-@pytest.fixture(scope="module")
-def cell() -> CellFile:
-    return moved_to(example(), Workspace())
-
-
-@pytest.fixture(scope="module")
-def motion(cell: CellFile) -> Motion:
-    return planner_of(cell)
-
-
-@pytest.fixture(scope="module")
-def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
-    with World(Workspace(), Boxes(tmp_path_factory.mktemp("boxes")), Gripper.load("robotiq_2f85")) as world:
-        yield world
 
 
 class Knowing:

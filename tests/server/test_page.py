@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,29 +9,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from neugrasp.errors import InputError
-from neugrasp.viewer.browser import Browser, find_browser
+from browsers import no_browser
+from neugrasp.viewer.browser import Browser
 
 from .conftest import Running
 
 PATIENCE = 120
 
 
-def missing() -> str:
-    """Why there can be no test in a browser, or nothing."""
-    if importlib.util.find_spec("websockets") is None:
-        return "websockets is not installed (pip install 'neugrasp[view]')"
-    try:
-        find_browser()
-    except InputError as error:
-        return str(error)
-    return ""
-
+MISSING = no_browser("websockets")
 
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.timeout(900),
-    pytest.mark.skipif(bool(missing()), reason=missing()),
+    pytest.mark.skipif(bool(MISSING), reason=MISSING),
     pytest.mark.filterwarnings("ignore::DeprecationWarning:websockets.*"),
 ]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -12,10 +11,10 @@ import numpy as np
 import pytest
 from PIL import Image as Picture
 
+from browsers import no_browser
 from neugrasp import cli
-from neugrasp.errors import InputError
 from neugrasp.geometry.pose import apply, inverse
-from neugrasp.viewer.browser import Browser, find_browser
+from neugrasp.viewer.browser import Browser
 from neugrasp.viewer.contents import Contents
 from neugrasp.viewer.drawing import grasps_of
 from neugrasp.viewer.settings import Settings
@@ -29,21 +28,12 @@ PICTURE = (320, 200)
 PATIENCE = 300
 
 
-def missing() -> str:
-    """Why there can be no test in a browser, or nothing."""
-    if importlib.util.find_spec("viser") is None:
-        return "viser is not installed (pip install 'neugrasp[view]')"
-    try:
-        find_browser()
-    except InputError as error:
-        return str(error)
-    return ""
-
+MISSING = no_browser("viser")
 
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.timeout(1800),
-    pytest.mark.skipif(bool(missing()), reason=missing()),
+    pytest.mark.skipif(bool(MISSING), reason=MISSING),
     pytest.mark.filterwarnings("ignore::DeprecationWarning:websockets.*"),
     pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
 ]

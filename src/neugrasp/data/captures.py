@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,6 @@ from neugrasp.data.grasp_scene import GraspScene
 from neugrasp.data.labels import LABELS_FILE, GraspLabels, labels_from_bytes, labels_to_bytes
 from neugrasp.data.scene_folder import FILE, read_scene, write_scene
 from neugrasp.errors import DataError, InputError, told_as
-from neugrasp.geometry.pose import inverse
 from neugrasp.observation import Views
 from neugrasp.output import whole_file
 
@@ -35,7 +33,7 @@ def read_capture(folder: Path, targets: bool = True) -> GraspScene:
     Raises `DataError` naming the file that is damaged, or what does not fit.
     """
     folder = Path(folder)
-    views = _at_origin(read_scene(folder))
+    views = read_scene(folder).in_workspace_frame()
     labels = folder / LABELS_FILE
     try:
         data = labels.read_bytes()
@@ -74,11 +72,4 @@ def _targets(folder: Path, views: Views) -> Views | None:
     targets = read_scene(folder)
     if not np.allclose(targets.workspace.cube, views.workspace.cube):
         raise InputError(f"{folder}: is about another cube than the photos that it belongs to")
-    return _at_origin(targets)
-
-
-def _at_origin(views: Views) -> Views:
-    """The same photos with cameras in the workspace frame."""
-    workspace_from_world = inverse(views.workspace.world_from_workspace)
-    frames = [replace(view, camera=view.camera.moved(workspace_from_world)) for view in views.frames]
-    return Views(tuple(frames), replace(views.workspace, world_from_workspace=np.eye(4)), views.source)
+    return targets.in_workspace_frame()

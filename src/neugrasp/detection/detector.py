@@ -188,15 +188,19 @@ def facts_of(options: DetectorOptions) -> dict[str, Any]:
     return noted_facts(find_weights(options.weights), checkpoint.about, checkpoint.workspace, options)
 
 
+def trained_facts(about: Mapping[str, Any]) -> dict[str, Any]:
+    """How weights were trained, of what was noted with them."""
+    return {name: about[name] for name in ("recipe", "steps", "scenes") if name in about}
+
+
 def noted_facts(
     path: Path, about: Mapping[str, Any], workspace: Workspace, options: DetectorOptions
 ) -> dict[str, Any]:
     """The same of a weights file of any network."""
-    trained = {name: about[name] for name in ("recipe", "steps", "scenes") if name in about}
     file = weights_facts(path, threshold_of(about, options.threshold))
     cube = workspace.unusual()
     asked = {"workspace": cube} if cube else {}
-    return {**file, "trained": trained, "hand_check": options.hand_check, **asked}
+    return {**file, "trained": trained_facts(about), "hand_check": options.hand_check, **asked}
 
 
 def _judged_facts(options: DetectorOptions) -> dict[str, Any]:

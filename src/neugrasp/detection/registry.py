@@ -63,6 +63,15 @@ def detector_spec(name: str) -> DetectorSpec:
     raise InputError(f"--detector {name!r}; choose one of {known}, or name one as package.module:NAME")
 
 
+def photo_detector(name: str, what: str) -> DetectorSpec:
+    """The detector of that name. Raises `InputError` where `what` it would be shown, which holds photos of
+    scene and empty table, is not enough for it."""
+    spec = detector_spec(name)
+    if needed := spec.observes - PHOTOS:
+        raise InputError(f"--detector {name}: needs {' and '.join(sorted(needed))}, and {what} holds photos")
+    return spec
+
+
 def load_detector(name: str = "neugrasp", **options: Any) -> Detector[Any]:
     """A detector by name, or shipped weights by name, or a weights file, ready to use.
 

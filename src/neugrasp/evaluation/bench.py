@@ -25,7 +25,7 @@ from neugrasp.gripper import Gripper
 from neugrasp.robot.cell_file import read_cell
 from neugrasp.robot.interface import Camera, Robot
 from neugrasp.robot.simulated import SimulatedRobot
-from neugrasp.robot.simulated_cameras import DepthCamera, PhotoCamera, RgbdCamera, Truth, TruthCamera
+from neugrasp.robot.simulated_cameras import DepthCamera, PhotoCamera, RgbdCamera, TruthCamera
 from neugrasp.robot.simulated_stereo import StereoCamera, StereoRgbdCamera
 from neugrasp.robot.tour import TouringCamera
 from neugrasp.robot.twin import TwinRobot
@@ -133,14 +133,9 @@ class Bench:
         return Robot(camera, twin.manipulator, twin.table), twin.table
 
     def look(self, index: int) -> Any:
-        """What the detector sees as round `index` begins."""
-        return self.look_with_truth(index)[0]
-
-    def look_with_truth(self, index: int) -> tuple[Any, Truth]:
-        """What the detector sees as round `index` begins, and the truth."""
-        fixed, truth = self._rounds.make(index, self.world), TruthCamera(self.world)
-        robot, _ = self._robot(fixed, truth)
-        return robot.camera.look(), truth.look()
+        """What the detector sees as round `index` begins; the world stands so afterwards."""
+        robot, _ = self._robot(self._rounds.make(index, self.world), TruthCamera(self.world))
+        return robot.camera.look()
 
     def _camera(self, fixed: Round, robot: SimulatedRobot, truth: TruthCamera) -> Camera[Any]:
         """The eyes of the detector; only measuring sticks get the truth."""

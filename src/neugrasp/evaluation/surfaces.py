@@ -22,7 +22,7 @@ from neugrasp.observation import Image, Observation
 from neugrasp.output import whole_file
 from neugrasp.pictures import Tile, contact_sheet, detection_picture, free_where_unseen, write_picture
 from neugrasp.progress import counted
-from neugrasp.robot.simulated_cameras import Truth
+from neugrasp.robot.simulated_cameras import Truth, TruthCamera
 
 log = logging.getLogger(__name__)
 
@@ -56,9 +56,9 @@ def _column(
     with open_bench(replace(config, workers=1), make, 1) as bench:
         found = []
         for index in range(SCENES):
-            seen, truth = bench.look_with_truth(index)
-            tiles = []
+            seen, tiles = bench.look(index), []
             if with_truth:
+                truth = TruthCamera(bench.world).look()
                 tiles = [Tile(_sized(_photo(seen)), f"round {index}"), Tile(_true(bench, truth), "truth")]
             found.append([*tiles, Tile(_seen_by(bench, seen), config.detector)])
         return found

@@ -11,6 +11,7 @@ import torch
 from neugrasp.evaluation.bench import Bench, needs_photographer
 from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.episode import Episode
+from neugrasp.evaluation.protocols import Protocol as Rules
 from neugrasp.parallel.choice import crew_for
 from neugrasp.parallel.crew import spread
 from neugrasp.simulation.cell_photos import Photographer
@@ -31,11 +32,17 @@ def play_all(
 
 
 @contextmanager
-def open_bench(config: Evaluate, make_photographer: MakePhotographer, threads: int) -> Iterator[Bench]:
+def open_bench(
+    config: Evaluate,
+    make_photographer: MakePhotographer,
+    threads: int,
+    rules: Rules | None = None,
+    speed: float = 1.0,
+) -> Iterator[Bench]:
     """A bench with its world and its photographer, who may use so many threads."""
     photographer = make_photographer(threads) if needs_photographer(config) else nullcontext()
     with photographer as one:
-        bench = Bench(config, one)
+        bench = Bench(config, one, rules, speed)
         with bench.world:
             yield bench
 

@@ -33,6 +33,7 @@ from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, from_quaternion, inverse, rigid
 from neugrasp.importers.files import pose_of
 from neugrasp.importers.foreign_lens import lens_of
+from neugrasp.importers.lens import Lens
 from neugrasp.importers.lens_keys import LENS_KEYS, check_lens_keys, is_lens_key
 from neugrasp.importers.shots import Listed, Shot
 
@@ -52,10 +53,19 @@ logger = logging.getLogger(__name__)
 
 def read_robot(file: Path) -> list[Listed]:
     """world_from_camera = base_from_flange @ flange_from_camera for every view. Raises `InputError`."""
+    data, rows = flange_views(file)
+    pose_of(data.get("flange_from_camera"), f"{file}: flange_from_camera")
+    return [_listed(data, entry, where) for entry, where in rows]
+
+
+def flange_views(file: Path) -> tuple[dict[str, Any], list[tuple[dict[str, Any], str]]]:
+    """What a list of flange poses says of all its views, and the views, each with where it stands.
+
+    Raises `InputError` naming a key that is not understood, or the view that is none.
+    """
     data = read_object(file, "a list of flange poses")
     views = data.get("views")
     check_lens_keys(data, FILE_KEYS, str(file))
-    pose_of(data.get("flange_from_camera"), f"{file}: flange_from_camera")
     if isinstance(views, str) and views:
         rows = _rows(file.parent / views)
     elif isinstance(views, list) and views:
@@ -66,7 +76,17 @@ def read_robot(file: Path) -> list[Listed]:
     keys = {key for entry in (data, *objects) for key in entry if is_lens_key(key)}
     warn_of_unknown([data], {*FILE_KEYS, *keys}, file, logger)
     warn_of_unknown(objects, {*VIEW_KEYS, *keys}, f"{file}, views", logger)
-    return [_listed(data, entry, where) for entry, where in rows]
+    for entry, where in rows:
+        if not isinstance(entry, dict) or not isinstance(entry.get("image"), str) or not entry["image"]:
+            raise InputError(f"{where}: must be an object with 'image' and 'base_from_flange'")
+        check_name(entry["image"], f"{where}: image")
+    return data, rows
+
+
+def lens_of_view(data: dict[str, Any], entry: dict[str, Any], where: str) -> Lens:
+    """The lens of a view, its own or the file's. Raises `InputError`, also on keys of a view that bend."""
+    check_lens_keys(entry, VIEW_KEYS, where)
+    return lens_of(entry, where, file=data)
 
 
 def camera_of(data: dict[str, Any], file: Path) -> Any:
@@ -77,17 +97,13 @@ def camera_of(data: dict[str, Any], file: Path) -> Any:
     return lens_of(data, str(file))
 
 
-def _listed(data: dict[str, Any], entry: Any, where: str) -> Listed:
-    if not isinstance(entry, dict) or not isinstance(entry.get("image"), str) or not entry["image"]:
-        raise InputError(f"{where}: must be an object with 'image' and 'base_from_flange'")
-    check_name(entry["image"], f"{where}: image")
+def _listed(data: dict[str, Any], entry: dict[str, Any], where: str) -> Listed:
     return Listed(entry["image"], lambda: _shot(data, entry, where))
 
 
 def _shot(data: dict[str, Any], entry: dict[str, Any], where: str) -> Shot:
     """The view, and its background where that has a pose of its own."""
-    check_lens_keys(entry, VIEW_KEYS, where)
-    lens = lens_of(entry, where, file=data)
+    lens = lens_of_view(data, entry, where)
     flange_from_camera = pose_of(data["flange_from_camera"], "flange_from_camera")
     base_from_flange = pose_of(entry.get("base_from_flange"), f"{where}: base_from_flange")
     world_from_background = None

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from neugrasp.data.photo_files import read_image
-from neugrasp.data.strict_json import read_object
+from neugrasp.data.scene_folder import photo_of
 from neugrasp.doctor.findings import Verdict
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, to_quaternion
 from neugrasp.importers.board_file import read_board
 from neugrasp.importers.files import pose_of
-from neugrasp.importers.foreign_lens import lens_of
 from neugrasp.importers.markers import find_board
+from neugrasp.importers.robot_poses import flange_views, lens_of_view
 from neugrasp.operation.command import Calibrate
 from neugrasp.progress import counted
 from neugrasp.robot.hand_eye import HandEye, Sightings, calibrated
@@ -43,17 +43,14 @@ def run(config: Calibrate) -> Verdict:
 def sightings_of(config: Calibrate) -> tuple[Sightings, list[str]]:
     """The poses of the photos in which the board is found, and their names. Raises `InputError`."""
     board = read_board(config.board)
-    data = read_object(config.poses, "a list of flange poses")
-    views = data.get("views")
-    if not isinstance(views, list) or not views:
-        raise InputError(f"{config.poses}: 'views' must be a list of photos with the poses of the flange")
-    lens = lens_of(data, str(config.poses))
-    flange, camera, names = [], [], []
-    for number, view in enumerate(counted(views, "photos")):
-        where = f"{config.poses}, view {number}"
-        name = _name(view, where)
+    data, views = flange_views(config.poses)
+    focal, flange, camera, names = 0.0, [], [], []
+    for view, where in counted(views, "photos"):
+        name = view["image"]
         pose = pose_of(view.get("base_from_flange"), f"{where}: base_from_flange")
-        photo = read_image(_file(config.poses.parent, name), where)
+        lens = lens_of_view(data, view, where)
+        focal = focal or float(lens.intrinsics[0, 0])
+        photo = read_image(_photo(config.poses.parent, view, where), where)
         if photo.shape[:2] != (lens.height, lens.width):
             height, width = photo.shape[:2]
             raise InputError(
@@ -74,21 +71,15 @@ def sightings_of(config: Calibrate) -> tuple[Sightings, list[str]]:
         np.array(flange, dtype=np.float64).reshape(-1, 4, 4),
         np.array(camera, dtype=np.float64).reshape(-1, 4, 4),
         board.print.size,
-        float(lens.intrinsics[0, 0]),
+        focal,
     )
     return seen, names
 
 
-def _name(view: Any, where: str) -> str:
-    if not isinstance(view, dict) or not isinstance(view.get("image"), str) or not view["image"]:
-        raise InputError(f"{where}: must be an object with 'image' and 'base_from_flange'")
-    return str(view["image"])
-
-
-def _file(folder: Path, name: str) -> Path:
-    """Beside the poses, or in images/ there."""
-    beside = folder / name
-    return beside if beside.is_file() else folder / "images" / name
+def _photo(folder: Path, view: dict[str, Any], where: str) -> Path:
+    """Beside the poses, or in images/ there. Raises `InputError` on a name that leads elsewhere."""
+    beside = photo_of(folder, view, "image", where)
+    return beside if beside.is_file() else photo_of(folder / "images", view, "image", where)
 
 
 def _numbers(found: HandEye, names: Sequence[str]) -> list[str]:

@@ -6,11 +6,12 @@ from pathlib import Path
 
 from neugrasp.data.scene_folder import write_scene
 from neugrasp.errors import InputError
-from neugrasp.evaluation.bench import Bench
+from neugrasp.evaluation.run import photographer_for
+from neugrasp.evaluation.workers import open_bench
 from neugrasp.observation import with_backgrounds
 from neugrasp.operation.command import Capture, Run
 from neugrasp.operation.hardware import empty_folder, opened
-from neugrasp.operation.run import checked_cell, evaluation_of, photographer_for
+from neugrasp.operation.run import THREADS, checked_cell, evaluation_of
 from neugrasp.robot.wrist_camera import Photographs, read_empty, write_empty
 from neugrasp.terminal import next_step
 
@@ -29,10 +30,8 @@ def run(config: Capture) -> str:
         raise InputError(f"{config.out}: holds a scene already; choose another --out")
     if cell.is_twin:
         asked = evaluation_of(Run(config.cell, config.out, samples=config.samples), cell)
-        with photographer_for(asked) as photographer:
-            bench = Bench(asked, photographer, speed=config.speed)
-            with bench.world:
-                seen = bench.look(0)
+        with open_bench(asked, photographer_for(asked), THREADS, speed=config.speed) as bench:
+            seen = bench.look(0)
     else:
         empty = read_empty(empty_folder(cell), cell.camera.camera)
         with opened(cell) as hardware:

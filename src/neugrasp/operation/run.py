@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +13,12 @@ import numpy as np
 
 from neugrasp.detection.registry import detector_spec
 from neugrasp.errors import InputError
-from neugrasp.evaluation.bench import Bench, needs_photographer
 from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.declutter import Game, Log, declutter
 from neugrasp.evaluation.episode import EMPTY, UNFINISHED, Attempt, Episode, read_episode, write_episode
 from neugrasp.evaluation.protocols import PROTOCOLS, strategy_of
-from neugrasp.evaluation.run import facts_of_rounds, round_file, with_cell
+from neugrasp.evaluation.run import facts_of_rounds, photographer_for, round_file, with_cell
+from neugrasp.evaluation.workers import open_bench
 from neugrasp.geometry.pose import Array
 from neugrasp.long_runs import begun_as, held
 from neugrasp.operation.check import findings_of
@@ -30,14 +29,14 @@ from neugrasp.robot.cell_file import CellFile, read_cell, text_hash
 from neugrasp.robot.errors import RobotError
 from neugrasp.robot.interface import Robot
 from neugrasp.robot.wrist_camera import Photographs, read_empty
-from neugrasp.simulation.cell_photos import Photographer
-from neugrasp.simulation.renderer import Renderer, RenderSettings
 from neugrasp.terminal import next_step
 
 log = logging.getLogger(__name__)
 
 ROUND = 0
 """A run is one round."""
+THREADS = 2
+"""That render the photos of a twin."""
 
 
 def run(config: Run) -> str:
@@ -149,22 +148,11 @@ def _clear_twin(config: Run, cell: CellFile, told: _Told) -> Episode:
     assert cell.twin is not None
     asked = evaluation_of(config, cell)
     rules = replace(PROTOCOLS["paper"], max_failures=config.max_failures, num_objects=cell.twin.objects)
-    with photographer_for(asked) as photographer:
-        bench = Bench(asked, photographer, rules, speed=config.speed)
-        with bench.world:
-            if told.begun is not None:
-                log.info("going on after %d picks", len(told.begun.attempts))
-            with _saying_where(told.file):
-                return bench.play_on(ROUND, Log(told.begun, told))
-
-
-def photographer_for(asked: Evaluate) -> AbstractContextManager[Photographer | None]:
-    """Who renders, where something has to be rendered."""
-    if not needs_photographer(asked):
-        return nullcontext()
-    make: Any = partial(Renderer, settings=RenderSettings(samples=asked.samples))
-    opened: AbstractContextManager[Photographer | None] = make(2)
-    return opened
+    with open_bench(asked, photographer_for(asked), THREADS, rules=rules, speed=config.speed) as bench:
+        if told.begun is not None:
+            log.info("going on after %d picks", len(told.begun.attempts))
+        with _saying_where(told.file):
+            return bench.play_on(ROUND, Log(told.begun, told))
 
 
 def _pick(attempt: Attempt) -> str:

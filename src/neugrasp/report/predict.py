@@ -7,16 +7,16 @@ import logging
 from neugrasp.client import Client, read_token
 from neugrasp.data.scene_folder import photo_files, read_scene
 from neugrasp.data.whole_or_nothing import whole_or_nothing
-from neugrasp.detection.contract import Detection, Detector
+from neugrasp.detection.contract import Detection
 from neugrasp.detection.explanation import explain
 from neugrasp.detection.files import FILES
 from neugrasp.detection.options import DetectorOptions
-from neugrasp.detection.registry import PHOTOS, detector_spec
+from neugrasp.detection.registry import photo_detector
 from neugrasp.detection.steering import check_mask, steered
 from neugrasp.doctor.examination import Diagnosis, examine_read
 from neugrasp.doctor.findings import Level
 from neugrasp.errors import InputError
-from neugrasp.observation import Observation, Views
+from neugrasp.observation import Views
 from neugrasp.output import check_file
 from neugrasp.progress import reached
 from neugrasp.report.command import Predict
@@ -77,7 +77,7 @@ def predict(run: Predict) -> str:
 def _detected(run: Predict, views: Views) -> Detection:
     """By this machine, or by the server that was named."""
     if run.server is None:
-        detector = _detector(run)
+        detector = photo_detector(run.detector, "a scene folder").load(DetectorOptions.of(run))
         reached("steps", 3, STEPS)
         return steered(detector.detect(views), run.steering, views)
     if changed := [name for name in OF_THE_SERVER if getattr(run, name) != getattr(Predict, name)]:
@@ -89,14 +89,6 @@ def _detected(run: Predict, views: Views) -> Detection:
         reached("steps", 3, STEPS)
         # The doctor was asked here.
         return client.ask(run.scene, run.steering, force=True).detection
-
-
-def _detector(run: Predict) -> Detector[Observation]:
-    spec = detector_spec(run.detector)
-    if not spec.observes <= PHOTOS:
-        needed = " and ".join(sorted(spec.observes - PHOTOS))
-        raise InputError(f"--detector {run.detector}: needs {needed}, and a scene folder holds photos")
-    return spec.load(DetectorOptions.of(run))
 
 
 def _check(run: Predict, diagnosis: Diagnosis) -> None:

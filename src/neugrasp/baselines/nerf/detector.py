@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import torch
 
 from neugrasp.baselines.nerf.fit import FitConfig, fitted, pixels_of, rendered_depth
@@ -67,9 +66,7 @@ def _in_workspace_frame(seen: Observation) -> Observation:
     if "image" not in seen.channels:
         raise InputError(f"{seen.source or 'the observation'}: has no photo; this detector needs it")
     with_depth(seen)
-    moved = inverse(seen.workspace.world_from_workspace)
-    frames = tuple(replace(frame, camera=frame.camera.moved(moved)) for frame in seen.frames)
-    return Observation(frames, replace(seen.workspace, world_from_workspace=np.eye(4)), seen.source)
+    return seen.in_workspace_frame()
 
 
 def _turned(camera: Camera, workspace: Workspace, angle: float) -> Camera:

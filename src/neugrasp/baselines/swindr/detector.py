@@ -13,6 +13,7 @@ from neugrasp.baselines.swindr.network import SwinDR
 from neugrasp.baselines.swindr.recipes import NETWORK
 from neugrasp.baselines.vgn import SPEC as VGN
 from neugrasp.detection.contract import Detection, Detector, Stopwatch
+from neugrasp.detection.detector import trained_facts
 from neugrasp.detection.options import DetectorOptions
 from neugrasp.detection.registry import DetectorSpec, weights_facts
 from neugrasp.errors import InputError
@@ -83,9 +84,7 @@ def _load(options: DetectorOptions) -> SwinDrDetector:
 
 def _facts(options: DetectorOptions) -> dict[str, Any]:
     path = restorer_file(options.restorer)
-    about = notes_of(path, NETWORK)
-    told = weights_facts(path, 0.0)
-    trained = {name: about[name] for name in ("recipe", "steps", "scenes") if name in about}
+    told, trained = weights_facts(path, 0.0), trained_facts(notes_of(path, NETWORK))
     restorer = {"restorer": told["weights"], "restorer_sha256": told["weights_sha256"]}
     return {**VGN.facts(options), **restorer, "restorer_trained": trained}
 
