@@ -20,9 +20,9 @@ from over_records import over_records, parser, sets_of
 from neugrasp.data.add_distance import add_grids
 from neugrasp.data.world import Scene
 from neugrasp.geometry.workspace import Workspace
+from neugrasp.simulation.gt_tsdf import fused_grids
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.truth import fused_grids
 
 
 @lru_cache(maxsize=1)

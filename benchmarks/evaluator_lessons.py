@@ -34,15 +34,15 @@ from neugrasp.execution import AT_PREGRASP, NOTHING_HELD, ON_APPROACH, SLIPPED, 
 from neugrasp.geometry.pose import Array, to_quaternion
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper, gripper_hash
-from neugrasp.long_runs import begun_as
 from neugrasp.model.grasp_evaluator import FineGrid
 from neugrasp.output import whole_file
+from neugrasp.run_folder import check_run_config
 from neugrasp.simulation.arrange import arrange
+from neugrasp.simulation.batched_trials import execute_each
+from neugrasp.simulation.grasp_execution import Trial
+from neugrasp.simulation.gt_tsdf import scan
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.series import execute_each
-from neugrasp.simulation.trials import Trial
-from neugrasp.simulation.truth import scan
 
 MOST_AROUND = 20
 Propose = Callable[[np.ndarray, np.random.Generator], Array]
@@ -188,7 +188,7 @@ def main() -> None:
         judge = Judge.load(options.evaluator, options.gripper, Workspace())
         judge.config = LIKED
     options.out.mkdir(parents=True, exist_ok=True)
-    begun_as(
+    check_run_config(
         options.out / ABOUT, about_lessons(gripper.name, gripper_hash(options.gripper)), "set of lessons"
     )
     folders = [] if options.photos is None else sorted((options.photos / "scenes").glob("[!.]*"))

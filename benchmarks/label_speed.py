@@ -24,11 +24,11 @@ from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
 from neugrasp.simulation.arrange import Choices, arrange
-from neugrasp.simulation.labels import at_tcp, candidates, grasp_poses
+from neugrasp.simulation.batched_trials import execute_each
+from neugrasp.simulation.grasp_execution import Trial, execute
+from neugrasp.simulation.grasp_sampling import at_tcp, candidates, grasp_poses
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.series import execute_each
-from neugrasp.simulation.trials import Trial, execute
 
 POINTS, YAWS = 120, 6
 FIRST_SEED = 1000

@@ -14,7 +14,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from neugrasp.errors import NeuGraspError
-from neugrasp.long_runs import end_with, held
+from neugrasp.run_folder import exit_with_parent, lock_folder
 
 REPORT_EVERY_S = 60.0
 
@@ -45,10 +45,10 @@ def over_records(options: argparse.Namespace, work: Work) -> None:
     sums: Counter[str] = Counter()
     failed: list[str] = []
     start = reported = time.monotonic()
-    with held(options.folder / ".adding", "benchmark"), ExitStack() as stack:
+    with lock_folder(options.folder / ".adding", "benchmark"), ExitStack() as stack:
         go_through: Callable[..., Iterable[Counter[str] | str | None]] = map
         if options.workers > 1:
-            pool = get_context("spawn").Pool(options.workers, end_with, (os.getpid(),))
+            pool = get_context("spawn").Pool(options.workers, exit_with_parent, (os.getpid(),))
             go_through = stack.enter_context(pool).imap_unordered
         for number, result in enumerate(go_through(partial(_timed, work), folders), start=1):
             if isinstance(result, str):

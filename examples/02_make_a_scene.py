@@ -24,9 +24,9 @@ from neugrasp.geometry.view_sets import view_set
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.pictures import free_where_unseen, shade_surface, write_picture
 from neugrasp.simulation.arrange import arrange
+from neugrasp.simulation.gt_tsdf import scan
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.truth import scan
 
 
 def main(

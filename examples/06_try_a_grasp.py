@@ -5,7 +5,7 @@
 In every scene one grasp is drawn at random among antipodal pairs of points of the true surface, which is what
 geometry alone is worth. The hand comes from 5 cm behind it, closes where it is or where it is stopped, and
 pulls back by 10 cm. It succeeds where something is then held between the pads. The reasons are those of
-`neugrasp validate`, which does the same for a network on held-out scenes.
+`neugrasp one-shot`, which does the same for a network on held-out scenes.
 
 To try grasps of yours, make a `Grasp`: a pose whose z axis approaches, whose y axis closes the fingers and
 whose origin is the point between the pads. Needs `pip install 'neugrasp[sim]'`.
@@ -24,10 +24,10 @@ from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
 from neugrasp.metrics import wilson_interval
 from neugrasp.simulation.arrange import arrange
+from neugrasp.simulation.grasp_execution import execute
+from neugrasp.simulation.gt_tsdf import scan
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.trials import execute
-from neugrasp.simulation.truth import scan
 
 
 def main(

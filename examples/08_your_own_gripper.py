@@ -27,10 +27,10 @@ from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
 from neugrasp.observation import View
 from neugrasp.pictures import draw_grasps, shade_surface, write_picture
+from neugrasp.simulation.grasp_execution import execute
+from neugrasp.simulation.gt_tsdf import scan
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.trials import execute
-from neugrasp.simulation.truth import scan
 
 WIDE = {
     "format": "neugrasp-gripper", "version": 1, "name": "wide",

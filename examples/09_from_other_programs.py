@@ -28,7 +28,7 @@ from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.exporters import graspnet, ros
 from neugrasp.geometry.pose import inverse, rigid, rotation_about
 from neugrasp.importers.command import Import
-from neugrasp.importers.importing import import_scene
+from neugrasp.importers.import_scene import import_scene
 
 METRES_PER_UNIT = 0.25
 WORLD_FROM_RECONSTRUCTION = rigid(rotation_about((1, 0, 0), 0.4), (0.1, 0.2, 0.3))

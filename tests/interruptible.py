@@ -9,7 +9,7 @@ from pathlib import Path
 def generate_a_little(out: Path) -> None:
     """Three scenes of glassware with noise for photos."""
     sys.path.insert(0, str(Path(__file__).parent / "simulation"))
-    from noise_photographer import SlowPhotographer
+    from noise_renderer import SlowRenderer
 
     from neugrasp.simulation.command import Generate
     from neugrasp.simulation.generate import generate
@@ -25,7 +25,7 @@ def generate_a_little(out: Path) -> None:
         seed=4,
         workers=1,
     )
-    generate(config, SlowPhotographer)
+    generate(config, SlowRenderer)
 
 
 def train_a_little(data: Path, held_out: Path, out: Path) -> None:

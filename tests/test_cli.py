@@ -281,6 +281,24 @@ def test_a_command_that_is_none(word: str, hint: str, capsys: pytest.CaptureFixt
     assert f"there is no command '{word}'; {hint}" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("old", "new"), cli.RENAMED.items())
+def test_an_old_name_of_a_command_is_read_and_said_to_be_old(
+    old: str, new: str, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+):
+    def shown(name: str) -> str:
+        with pytest.raises(SystemExit) as ended:
+            cli.main([name, "--help"])
+        assert ended.value.code == 0
+        return capsys.readouterr().out
+
+    assert old not in cli.COMMANDS
+    assert f"usage: neugrasp {new} " in shown(old)
+    assert f"neugrasp {old} is called {new} now" in caplog.text
+    caplog.clear()
+    shown(new)
+    assert not caplog.text
+
+
 def test_the_package_runs_as_a_module():
     run = subprocess.run([sys.executable, "-m", "neugrasp", "--version"], capture_output=True, text=True)
     assert run.stdout == f"neugrasp {neugrasp.__version__}\n"

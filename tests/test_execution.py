@@ -35,7 +35,7 @@ class Script:
     def open(self) -> None:
         self.said.append("open")
 
-    def go_to(self, pose: Array) -> bool:
+    def move_to_pose(self, pose: Array) -> bool:
         assert np.allclose(pose[:3, 3], (0.1, 0.2, 0.35))
         self.said.append("go")
         return self.is_free

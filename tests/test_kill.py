@@ -33,7 +33,7 @@ def child() -> Callable[..., BaseProcess]:
     """Starts a function in a process of its own, which has the heavy modules at once."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(
-        ["neugrasp.cli", "neugrasp.training.trainer", "neugrasp.simulation.studio"]
+        ["neugrasp.cli", "neugrasp.training.trainer", "neugrasp.simulation.scene_generator"]
     )
 
     def start(function: Callable[..., None], *arguments: Any) -> BaseProcess:

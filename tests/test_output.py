@@ -30,11 +30,11 @@ from neugrasp.geometry.surface import Surface
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp, Grasps
 from neugrasp.gripper import Gripper
-from neugrasp.long_runs import held
 from neugrasp.model.checkpoint import save_checkpoint
 from neugrasp.model.network import NeuGrasp
 from neugrasp.observation import Views
 from neugrasp.output import whole_file, write_text
+from neugrasp.run_folder import lock_folder
 from neugrasp.training.recipes import tiny
 
 DOWN = np.diag([1.0, -1.0, -1.0])
@@ -145,7 +145,7 @@ def test_what_a_killed_run_left_is_gone_when_the_next_one_holds_the_folder(tmp_p
         unfinished[-2].__enter__().write_text("half")
         (unfinished[-1].__enter__() / "x.json").write_text("half")
     assert [file.name for file in (out / "rounds").glob("[!.]*.json")] == ["000000.json"]
-    with held(out, "evaluate"):
+    with lock_folder(out, "evaluate"):
         assert tree(out).keys() == {".lock", "rounds/000000.json"}
 
 
@@ -474,8 +474,8 @@ def test_the_package_loads_where_there_are_no_file_locks():
         "importlib.util.find_spec = lambda name, *rest: None if name == 'fcntl' else find(name, *rest)\n"
         "sys.modules['fcntl'] = None\n"
         "import neugrasp.simulation.generate, neugrasp.evaluation.run, neugrasp.cli\n"
-        "from neugrasp.long_runs import held\nfrom pathlib import Path\nimport tempfile\n"
-        "with held(Path(tempfile.mkdtemp()), 'generate'): print('held')"
+        "from neugrasp.run_folder import lock_folder\nfrom pathlib import Path\nimport tempfile\n"
+        "with lock_folder(Path(tempfile.mkdtemp()), 'generate'): print('held')"
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
     assert ended.stdout == b"held\n", ended.stderr.decode()

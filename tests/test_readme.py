@@ -43,7 +43,7 @@ def test_the_python_lines_of_the_readme_run(tmp_path: Path):
 def test_every_command_that_is_named_exists():
 
     commands = {
-        name for line in re.findall(r"^neugrasp (\w+)", README, flags=re.MULTILINE) for name in [line]
+        name for line in re.findall(r"^neugrasp ([\w-]+)", README, flags=re.MULTILINE) for name in [line]
     }
     assert commands
     assert commands <= set(COMMANDS)

@@ -31,7 +31,7 @@ from neugrasp.data.world import scene_from_json, scene_to_json
 from neugrasp.detection.files import read_grasps, write_grasps
 from neugrasp.errors import InputError
 from neugrasp.evaluation.episode import EMPTY, Attempt, Episode, read_episode, write_episode
-from neugrasp.evaluation.folder import NEEDED, facts_of
+from neugrasp.evaluation.results_io import NEEDED, facts_of
 from neugrasp.exporters import graspnet, ros, ur, vgn
 from neugrasp.geometry.pose import rigid
 from neugrasp.grasp import Grasp
@@ -40,9 +40,9 @@ from neugrasp.model.checkpoint import load_checkpoint, save_checkpoint
 from neugrasp.model.config import ModelConfig
 from neugrasp.model.grasp_head import GraspHead
 from neugrasp.model.network import NeuGrasp
+from neugrasp.simulation.lathe import box
 from neugrasp.simulation.meshes import read_mesh, write_obj
 from neugrasp.simulation.objects import FolderSet
-from neugrasp.simulation.revolution import box
 from neugrasp.training.recipes import tiny
 
 PANDA = Gripper.load("panda")

@@ -38,9 +38,9 @@ STEPS = {
     "generate": "generate --no-photos --num 2 --workers 1 --out data",
     "datasheet": "datasheet --data data --out sheet",
     "pack": "pack --data data --out shards",
-    "train": "train --recipe head --data shards --steps 1 --loaders 0 --out run",
+    "train": "train --recipe head-only --data shards --steps 1 --loaders 0 --out run",
     "train-evaluator": "train-evaluator --data lessons --steps 1 --out judge",
-    "validate": "validate --data photos --out held",
+    "one-shot": "one-shot --data photos --out held",
     "evaluate": "evaluate --detector oracle --scene packed --rounds 1 --workers 1 --out rounds",
     "cell": f"cell check {CELL}",
     "capture": f"capture {CELL} --out captured",
@@ -48,7 +48,7 @@ STEPS = {
     "run": f"run {CELL} --detector oracle --out cleared",
     "compare": "compare rounds rounds2",
     "failures": "failures rounds",
-    "story": "story rounds 0 --photos no",
+    "inspect-episode": "inspect-episode rounds 0 --photos no",
     "table": "table packed --detectors oracle --strategies top --rounds 1 --workers 1 --out table",
     "results": "results --folder results --out results.md",
     "figure": "figure trajectory --out figure.png",
@@ -145,6 +145,6 @@ def test_a_walk_through_every_command(tmp_path: Path):
             (tmp_path / "results/a").mkdir(parents=True)
             shutil.copy(tmp_path / "rounds/metrics.json", tmp_path / "results/a/metrics.json")
             (tmp_path / "results/foreign.json").write_text('{"mine": 1}')
-        if name == "validate":
+        if name == "one-shot":
             photograph(tmp_path / "data", tmp_path / "photos")
         run(words, tmp_path)

@@ -17,7 +17,7 @@ from neugrasp.geometry.pose import Array, apply, inverse, to_quaternion
 from neugrasp.observation import DepthView, DepthViews, Views
 from neugrasp.simulation.meshes import Mesh, merged, read_obj, write_obj
 from neugrasp.simulation.objects import ObjectModel, triple
-from neugrasp.simulation.quiet import quiet
+from neugrasp.simulation.silence import quiet
 
 MASS = 0.1
 """Kilograms; the objects were not weighed."""

@@ -37,11 +37,11 @@ from neugrasp.geometry.pose import Array, inverse
 from neugrasp.geometry.surface import Surface, surface_of
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
-from neugrasp.long_runs import source_commit
 from neugrasp.metrics import wilson_interval
 from neugrasp.observation import DepthViews
 from neugrasp.pictures import draw_grasps, photo_of_workspace
 from neugrasp.pictures.shading import free_where_unseen
+from neugrasp.run_folder import source_commit
 
 FORMATTER = argparse.RawDescriptionHelpFormatter
 ABOVE_TABLE = 0.0075

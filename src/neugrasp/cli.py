@@ -22,7 +22,7 @@ from neugrasp.demo.command import Demo
 from neugrasp.doctor.command import Doctor
 from neugrasp.doctor.findings import Verdict
 from neugrasp.errors import NeuGraspError
-from neugrasp.evaluation.commands import Compare, Evaluate, Failures, Results, Story, Table, Validate
+from neugrasp.evaluation.commands import Compare, Evaluate, Failures, InspectEpisode, OneShot, Results, Table
 from neugrasp.exporters.command import Export
 from neugrasp.figures.command import Figure
 from neugrasp.importers.command import Import, PrintBoard
@@ -81,7 +81,7 @@ COMMANDS: dict[str, Command] = {
     "view": Command(_positional(Viewer), "viewer.run:run"),
     "serve": Command(Serve, "server.run:run"),
     "ros": Command(_positional(Ros), "ros.run:run"),
-    "import": Command(_positional(Import), "importers.importing:run"),
+    "import": Command(_positional(Import), "importers.import_scene:run"),
     "generate": Command(Generate, "simulation.generate:run"),
     "train": Command(Train, "training.trainer:run", "training.recipes:configured"),
     "train-evaluator": Command(TrainEvaluator, "training.evaluator:run"),
@@ -90,20 +90,22 @@ COMMANDS: dict[str, Command] = {
     "cell": Command(_positional(Cell), "operation.check:run"),
     "capture": Command(_positional(Capture), "operation.capture:run"),
     "calibrate": Command(_positional(Calibrate), "operation.calibrate:run"),
-    "board": Command(PrintBoard, "importers.sheet:run"),
+    "board": Command(PrintBoard, "importers.board_page:run"),
     "export": Command(_positional(Export), "exporters.exporting:run"),
     "pack": Command(Pack, "data.run:run"),
     "datasheet": Command(DataSheet, "report.data_sheet:run"),
-    "validate": Command(Validate, "evaluation.held_out:run"),
+    "one-shot": Command(OneShot, "evaluation.one_shot:run"),
     "compare": Command(_positional(Compare), "evaluation.compare:run"),
     "failures": Command(_positional(Failures), "evaluation.failures:run"),
-    "story": Command(_positional(Story), "evaluation.story:run"),
+    "inspect-episode": Command(_positional(InspectEpisode), "evaluation.episode_report:run"),
     "table": Command(_positional(Table), "evaluation.paper_table:run"),
     "results": Command(Results, "evaluation.results:run"),
     "figure": Command(_positional(Figure), "figures.run:run"),
     "bench": Command(SpeedTest, "bench.run:run"),
 }
 
+RENAMED = {"validate": "one-shot", "story": "inspect-episode"}
+"""Commands by their names of before; they are read for one version more."""
 
 FIRST = ("demo", "doctor", "predict", "view", "import", "generate", "train", "evaluate")
 """What users need first; the rest comes below in the help."""
@@ -121,8 +123,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not words or words[0] in ("-h", "--help"):
             print(_help())
             return 0
-        check_command(words, COMMANDS)
-        report = COMMANDS[words[0]].run(words[0], words[1:])
+        name = _today(words[0])
+        check_command(name, COMMANDS)
+        report = COMMANDS[name].run(name, words[1:])
         for part in report if isinstance(report, Iterator) else () if report is None else (report,):
             voice.clear()
             print(printable(part), flush=True)
@@ -140,6 +143,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _failed("out of memory")
         traceback.print_exc()
         return 70
+
+
+def _today(name: str) -> str:
+    """The name that a command has now; whoever uses an older one is told."""
+    if today := RENAMED.get(name):
+        log.warning("neugrasp %s is called %s now; the old name ends with the next version", name, today)
+    return today or name
 
 
 def _help() -> str:

@@ -29,7 +29,7 @@ class Hand(Protocol):
         """Opens as far as it goes."""
         ...
 
-    def go_to(self, pose: Array, /) -> bool:
+    def move_to_pose(self, pose: Array, /) -> bool:
         """Brings the open hand to a pose (4, 4) on a way of its own; False where it cannot without touching
         something."""
         ...
@@ -76,7 +76,7 @@ def carry_out(
     Success is an object in the hand and more than `min_opening` metres between the pads after the retreat.
     """
     hand.open()
-    if not hand.go_to(grasp.pregrasp):
+    if not hand.move_to_pose(grasp.pregrasp):
         return Outcome(AT_PREGRASP, touched=True)
     touched = hand.move_straight(grasp.position, stop_on_contact=True)
     if touched and not allow_contact:

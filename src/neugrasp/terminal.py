@@ -9,7 +9,7 @@ import shlex
 import sys
 import time
 import unicodedata
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from typing import TextIO
 
 from neugrasp import progress
@@ -35,13 +35,13 @@ def next_step(*words: object, why: str = "") -> str:
     return f"next: neugrasp {shlex.join(map(str, words))}" + (f"  # {why}" if why else "")
 
 
-def check_command(words: Sequence[str], commands: Collection[str]) -> None:
-    """Raises `InputError` with the nearest command where the first word is none."""
-    if words[0] in commands:
+def check_command(name: str, commands: Collection[str]) -> None:
+    """Raises `InputError` with the nearest command where there is none of this name."""
+    if name in commands:
         return
-    near = difflib.get_close_matches(words[0], commands, n=1)
+    near = difflib.get_close_matches(name, commands, n=1)
     hint = f"did you mean {near[0]}?" if near else f"choose one of {', '.join(commands)}"
-    raise InputError(f"there is no command {words[0]!r}; {hint}")
+    raise InputError(f"there is no command {name!r}; {hint}")
 
 
 def printable(text: object, stream: TextIO | None = None) -> str:

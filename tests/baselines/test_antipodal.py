@@ -14,10 +14,10 @@ from neugrasp.geometry.pose import Array, is_rigid
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
+from neugrasp.simulation.grasp_execution import execute
+from neugrasp.simulation.gt_tsdf import scan
 from neugrasp.simulation.objects import FolderSet, ObjectLibrary
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.trials import execute
-from neugrasp.simulation.truth import scan
 
 WORKSPACE = Workspace()
 PANDA = Gripper.load("panda")

@@ -23,7 +23,7 @@ from neugrasp.geometry.workspace import USUAL
 from neugrasp.training.dataset import Batch, Scenes
 from neugrasp.training.module import Losses
 from neugrasp.training.samples import Sample, drop_views
-from neugrasp.training.state import Learner
+from neugrasp.training.state import TrainState
 
 RAYS = st.integers(1, 20)
 
@@ -234,7 +234,7 @@ def test_one_scene_is_learned_by_heart(sample: Sample):
         tiny(), weights=weights, head_steps=0, columns=144, whole_every=1_000, steps=80, view_dropout=0.0
     )
     network = GraspNerf(config.model)  # type: ignore[arg-type]
-    learner = Learner.of(network, config)
+    learner = TrainState.of(network, config)
     for group in learner.optimizer.param_groups:
         group["lr"] = 5e-3
     for step in range(config.steps):

@@ -48,10 +48,10 @@ def data(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def photographer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> type:
+def scene_renderer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> type:
     monkeypatch.setenv("NEUGRASP_CACHE", str(tmp_path / "cache"))
     monkeypatch.syspath_prepend(Path(__file__).parent.parent / "simulation")
-    return importlib.import_module("noise_photographer").NoisePhotographer
+    return importlib.import_module("noise_renderer").NoiseRenderer
 
 
 @pytest.fixture
@@ -125,7 +125,7 @@ def test_weights_are_read_back(weights: Path):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_each_plays_a_round(name: str, weights: Path, tmp_path: Path, photographer: type):
+def test_each_plays_a_round(name: str, weights: Path, tmp_path: Path, scene_renderer: type):
     path = weights
     if name == "graspnerf":
         path = tmp_path / "without.safetensors"
@@ -141,7 +141,7 @@ def test_each_plays_a_round(name: str, weights: Path, tmp_path: Path, photograph
         seed=31,
         threshold=0.0,
     )
-    told = evaluate(game, photographer)
+    told = evaluate(game, scene_renderer)
     assert told["rounds"] == 1
     assert told["weights"] == path.name
     assert told["trained"] == {"recipe": name}

@@ -238,7 +238,7 @@ def test_trusted_depth_reaches_vgn_unchanged_where_the_user_has_the_table():
 def test_it_plays_a_round_on_stereo_depth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("NEUGRASP_CACHE", str(tmp_path / "cache"))
     monkeypatch.syspath_prepend(Path(__file__).parent.parent / "simulation")
-    photographer = importlib.import_module("noise_photographer").NoisePhotographer
+    scene_renderer = importlib.import_module("noise_renderer").NoiseRenderer
     vgn = Remembers()
     facts = lambda options: {"weights": "vgn", "weights_sha256": "0", "threshold": 0.9}  # noqa: E731
     monkeypatch.setattr(
@@ -256,7 +256,7 @@ def test_it_plays_a_round_on_stereo_depth(tmp_path: Path, monkeypatch: pytest.Mo
         workers=1,
         seed=31,
     )
-    told = evaluate(game, photographer)
+    told = evaluate(game, scene_renderer)
     assert told["restorer"] == weights.name
     assert told["depth"] == "stereo"
     assert len(vgn.seen) == 1

@@ -25,7 +25,7 @@ from neugrasp.geometry.view_sets import vgn_training
 from neugrasp.geometry.workspace import USUAL
 from neugrasp.gripper import Gripper
 from neugrasp.model.checkpoint import save_checkpoint
-from neugrasp.simulation.truth import fused_grids
+from neugrasp.simulation.gt_tsdf import fused_grids
 from neugrasp.training.command import Train
 from neugrasp.training.config import TrainConfig
 from neugrasp.training.trainer import train

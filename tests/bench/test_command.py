@@ -14,7 +14,7 @@ from neugrasp.bench import machine, measure
 from neugrasp.bench.command import SpeedTest
 from neugrasp.bench.report import HEADER
 from neugrasp.bench.run import run
-from neugrasp.bench.subjects import fresh_model
+from neugrasp.bench.workloads import fresh_model
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.gripper import Gripper
 from neugrasp.training.recipes import tiny
@@ -42,7 +42,7 @@ def _tiny(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("_tiny")
 @pytest.mark.slow
-def test_the_file_holds_every_stage_with_its_floor(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_the_file_holds_every_stage_with_its_roofline(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     file = tmp_path / "new" / "speed.json"
     arguments = ["bench", "--rounds", "2", "--views", "3", "--seed", "4", "--json", str(file)]
     assert cli.main(arguments) == 0

@@ -58,13 +58,13 @@ def test_bytes_are_inputs_outputs_and_weights_each_once():
 
 
 @torch.no_grad()
-def test_bfloat16_is_counted_apart_and_has_its_own_floor():
+def test_bfloat16_is_counted_apart_and_has_its_own_roofline():
     with torch.autocast("cpu", torch.bfloat16):
         cost = counted(Two(), PARTS, torch.ones(10, 8))["first"]
     assert cost.flops == {"bfloat16": 2 * 10 * 8 * 16}
     rates = Rates({"float32": 1e9, "bfloat16": 4e9}, copy=1e12)
-    assert rates.floor(cost) == 2 * 10 * 8 * 16 / 4e9
-    assert Rates({"bfloat16": 1e15}, copy=1e3).floor(cost) == cost.num_bytes / 1e3
+    assert rates.roofline(cost) == 2 * 10 * 8 * 16 / 4e9
+    assert Rates({"bfloat16": 1e15}, copy=1e3).roofline(cost) == cost.num_bytes / 1e3
 
 
 def test_convolutions_and_backward_passes_are_counted():

@@ -9,7 +9,7 @@ import numpy as np
 from ray_traced import Room, photo, view_of
 from scipy import ndimage
 
-from neugrasp.doctor import problems
+from neugrasp.doctor import messages
 from neugrasp.doctor.findings import Level, Problem
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import from_quaternion, inverse, look_at, rigid, rotation_about, to_quaternion
@@ -218,21 +218,21 @@ def empty(view: View) -> View:
 
 
 CASES = [
-    Case("cameras of OpenGL or Blender", each(pose(lambda p: p @ GL)), problems.OPENGL, RED, (), True),
-    Case("poses inverted", each(pose(inverse)), problems.INVERTED, RED, (), True),
+    Case("cameras of OpenGL or Blender", each(pose(lambda p: p @ GL)), messages.OPENGL, RED, (), True),
+    Case("poses inverted", each(pose(inverse)), messages.INVERTED, RED, (), True),
     Case(
         "view matrices of OpenGL",
         each(pose(lambda p: inverse(p @ GL))),
-        problems.INVERTED_OPENGL,
+        messages.INVERTED_OPENGL,
         RED,
         (),
         True,
     ),
-    Case("one pose inverted", each(pose(inverse), (2,)), problems.INVERTED, RED, (2,), True),
+    Case("one pose inverted", each(pose(inverse), (2,)), messages.INVERTED, RED, (2,), True),
     Case(
         "rotations inverted",
         each(pose(lambda p: rigid(p[:3, :3].T, p[:3, 3]))),
-        problems.INVERTED_ROTATION,
+        messages.INVERTED_ROTATION,
         RED,
         (),
         True,
@@ -240,7 +240,7 @@ CASES = [
     Case(
         "quaternions w x y z read as x y z w",
         each(pose(other_quaternion(1))),
-        problems.QUATERNION_ORDER,
+        messages.QUATERNION_ORDER,
         RED,
         (),
         True,
@@ -248,7 +248,7 @@ CASES = [
     Case(
         "quaternions x y z w read as w x y z",
         each(pose(other_quaternion(-1))),
-        problems.QUATERNION_ORDER,
+        messages.QUATERNION_ORDER,
         RED,
         (),
         True,
@@ -256,17 +256,17 @@ CASES = [
     Case(
         "camera bodies of ROS for optical frames",
         each(pose(lambda p: p @ BODY)),
-        problems.BODY_FRAME,
+        messages.BODY_FRAME,
         RED,
         (),
         True,
     ),
-    Case("poses in millimetres", each(pose(scaled(1000))), problems.UNITS, RED, (), True),
-    Case("poses in centimetres", each(pose(scaled(100))), problems.UNITS, RED, (), True),
+    Case("poses in millimetres", each(pose(scaled(1000))), messages.UNITS, RED, (), True),
+    Case("poses in centimetres", each(pose(scaled(100))), messages.UNITS, RED, (), True),
     Case(
         "OpenGL cameras in millimetres",
         each(pose(lambda p: scaled(1000)(p @ GL))),
-        problems.OPENGL,
+        messages.OPENGL,
         RED,
         (),
         True,
@@ -274,7 +274,7 @@ CASES = [
     Case(
         "the cube 5 cm too high",
         cube(lambda p: p @ rigid(translation=(0, 0, 0.05))),
-        problems.TABLE_HEIGHT,
+        messages.TABLE_HEIGHT,
         RED,
         (),
         True,
@@ -282,14 +282,14 @@ CASES = [
     Case(
         "the cube upside down",
         cube(lambda p: p @ rigid(np.diag([1.0, -1, -1]), (0, 0.3, 0.1))),
-        problems.CAMERA_BELOW_TABLE,
+        messages.CAMERA_BELOW_TABLE,
         RED,
     ),
-    Case("the cube 3 m away", cube(lambda p: p @ rigid(translation=(3, 0, 0))), problems.CUBE_NOT_SEEN, RED),
+    Case("the cube 3 m away", cube(lambda p: p @ rigid(translation=(3, 0, 0))), messages.CUBE_NOT_SEEN, RED),
     Case(
         "the cube tilted by 4 degrees",
         cube(lambda p: p @ turned((1, 0, 0), 4)),
-        problems.TABLE_TILTED,
+        messages.TABLE_TILTED,
         YELLOW,
         (),
         True,
@@ -298,56 +298,56 @@ CASES = [
     Case(
         "one camera 2 cm off",
         each(pose(lambda p: rigid(translation=(0.02, 0, 0)) @ p), (1,)),
-        problems.TABLE_OFFSET,
+        messages.TABLE_OFFSET,
         RED,
         (1,),
     ),
     Case(
         "poses of the flange for the camera's",
         each(pose(lambda p: p @ turned((1, 0, 0), 15) @ rigid(translation=(0, 0.05, 0.03)))),
-        problems.TABLE_OFFSET,
+        messages.TABLE_OFFSET,
         RED,
     ),
-    Case("two poses exchanged", poses((0, 2, 1, 3)), problems.VIEW_ORDER, RED, (1, 2), True),
+    Case("two poses exchanged", poses((0, 2, 1, 3)), messages.VIEW_ORDER, RED, (1, 2), True),
     Case(
         "intrinsics of twice the resolution",
         each(intrinsics((2, 2, 2.0))),
-        problems.OTHER_RESOLUTION,
+        messages.OTHER_RESOLUTION,
         RED,
         (),
         True,
     ),
-    Case("focal length 25 % too long", each(intrinsics((1.25, 1.25, 1))), problems.FOCAL_LENGTH, RED),
-    Case("fx 10 % larger than fy", each(intrinsics((1.1, 1, 1))), problems.UNEQUAL_FOCAL, YELLOW),
-    Case("all photos mirrored", each(flipped()), problems.MIRRORED, RED),
-    Case("one photo upside down", each(upside_down, (3,)), problems.MIRRORED, RED, (3,)),
-    Case("one image mirrored, its background not", each(flipped(False), (1,)), problems.MIRRORED, RED, (1,)),
-    Case("two backgrounds swapped", backgrounds((1, 0, 2, 3)), problems.SWAPPED, RED, (0, 1), True),
-    Case("images and backgrounds exchanged", each(exchanged), problems.EXCHANGED, RED, (), True),
+    Case("focal length 25 % too long", each(intrinsics((1.25, 1.25, 1))), messages.FOCAL_LENGTH, RED),
+    Case("fx 10 % larger than fy", each(intrinsics((1.1, 1, 1))), messages.UNEQUAL_FOCAL, YELLOW),
+    Case("all photos mirrored", each(flipped()), messages.MIRRORED, RED),
+    Case("one photo upside down", each(upside_down, (3,)), messages.MIRRORED, RED, (3,)),
+    Case("one image mirrored, its background not", each(flipped(False), (1,)), messages.MIRRORED, RED, (1,)),
+    Case("two backgrounds swapped", backgrounds((1, 0, 2, 3)), messages.SWAPPED, RED, (0, 1), True),
+    Case("images and backgrounds exchanged", each(exchanged), messages.EXCHANGED, RED, (), True),
     Case(
         "image and background of one view exchanged",
         each(exchanged, (1,)),
-        problems.EXCHANGED,
+        messages.EXCHANGED,
         RED,
         (1,),
         True,
     ),
-    Case("those of two views exchanged", each(exchanged, (0, 2)), problems.EXCHANGED, RED, (0, 2), True),
+    Case("those of two views exchanged", each(exchanged, (0, 2)), messages.EXCHANGED, RED, (0, 2), True),
     Case(
-        "those of three views exchanged", each(exchanged, (0, 2, 3)), problems.EXCHANGED, RED, (0, 2, 3), True
+        "those of three views exchanged", each(exchanged, (0, 2, 3)), messages.EXCHANGED, RED, (0, 2, 3), True
     ),
-    Case("two images swapped", images((1, 0, 2, 3)), problems.SWAPPED, RED, (0, 1), True),
-    Case("all images one view further", images((1, 2, 3, 0)), problems.SWAPPED, RED, (0, 1, 2, 3), True),
-    Case("a lid on the camera for the empty table", each(lidded), problems.DARK, RED),
+    Case("two images swapped", images((1, 0, 2, 3)), messages.SWAPPED, RED, (0, 1), True),
+    Case("all images one view further", images((1, 2, 3, 0)), messages.SWAPPED, RED, (0, 1, 2, 3), True),
+    Case("a lid on the camera for the empty table", each(lidded), messages.DARK, RED),
     Case(
         "one background shifted by (2.4, -1.2) pixels",
         each(shifted(2.4, -1.2), (1,)),
-        problems.SHIFTED,
+        messages.SHIFTED,
         RED,
         (1,),
     ),
     Case(
-        "one background shifted by half a pixel", each(shifted(0.5, 0), (0,)), problems.SHIFTED, YELLOW, (0,)
+        "one background shifted by half a pixel", each(shifted(0.5, 0), (0,)), messages.SHIFTED, YELLOW, (0,)
     ),
     Case(
         "a background from another place",
@@ -366,39 +366,39 @@ CASES = [
                 *v.frames[1:],
             ),
         ),
-        problems.BACKGROUND_DIFFERS,
+        messages.BACKGROUND_DIFFERS,
         RED,
         (0,),
     ),
-    Case("one object left on the empty table", each(left_standing), problems.NOT_EMPTY, YELLOW),
-    Case("one stop more exposure", each(lit(Room(gain=(2.0, 2.0, 2.0)))), problems.EXPOSURE, RED),
-    Case("warmer white balance", each(lit(Room(gain=(1.15, 1.0, 0.85)))), problems.WHITE_BALANCE, YELLOW),
+    Case("one object left on the empty table", each(left_standing), messages.NOT_EMPTY, YELLOW),
+    Case("one stop more exposure", each(lit(Room(gain=(2.0, 2.0, 2.0)))), messages.EXPOSURE, RED),
+    Case("warmer white balance", each(lit(Room(gain=(1.15, 1.0, 0.85)))), messages.WHITE_BALANCE, YELLOW),
     Case(
-        "the lamp moved to the other side", each(lit(Room(lamp=(-0.35, 0.5, 0.5)))), problems.LIGHT_MOVED, RED
+        "the lamp moved to the other side", each(lit(Room(lamp=(-0.35, 0.5, 0.5)))), messages.LIGHT_MOVED, RED
     ),
     Case(
-        "a hand beside the cube", each(lit(Room(hand=(0.42, 0.15)))), problems.CHANGED_OUTSIDE, YELLOW, (2, 3)
+        "a hand beside the cube", each(lit(Room(hand=(0.42, 0.15)))), messages.CHANGED_OUTSIDE, YELLOW, (2, 3)
     ),
-    Case("half of the cube outside of the photos", aimed_past, problems.LITTLE_SEEN, YELLOW, (1, 2, 3)),
-    Case("cameras 1.5 m away", far_away, problems.SMALL_IN_PHOTO, YELLOW),
-    Case("all photos from one place", from_one_place, problems.NO_BASELINE, RED),
+    Case("half of the cube outside of the photos", aimed_past, messages.LITTLE_SEEN, YELLOW, (1, 2, 3)),
+    Case("cameras 1.5 m away", far_away, messages.SMALL_IN_PHOTO, YELLOW),
+    Case("all photos from one place", from_one_place, messages.NO_BASELINE, RED),
     Case(
         "one view given twice",
         lambda v: replace(v, frames=(*v.frames[:3], v.frames[0])),
-        problems.SAME_PLACE,
+        messages.SAME_PLACE,
         YELLOW,
         (0, 3),
     ),
-    Case("one view only", lambda v: replace(v, frames=v.frames[:1]), problems.SINGLE_VIEW, YELLOW),
-    Case("one image blurred by motion", each(blurred, (2,)), problems.BLURRED, YELLOW, (2,)),
-    Case("all photos out of focus", each(out_of_focus), problems.BLURRED, YELLOW),
-    Case("photos underexposed", each(exposed(0.01)), problems.DARK, RED),
-    Case("photos overexposed", each(exposed(5.0)), problems.SATURATED, RED),
+    Case("one view only", lambda v: replace(v, frames=v.frames[:1]), messages.SINGLE_VIEW, YELLOW),
+    Case("one image blurred by motion", each(blurred, (2,)), messages.BLURRED, YELLOW, (2,)),
+    Case("all photos out of focus", each(out_of_focus), messages.BLURRED, YELLOW),
+    Case("photos underexposed", each(exposed(0.01)), messages.DARK, RED),
+    Case("photos overexposed", each(exposed(5.0)), messages.SATURATED, RED),
     Case(
         "each image is its own background",
         each(lambda v: replace(v, background=v.image)),
-        problems.SAME_PHOTO,
+        messages.SAME_PHOTO,
         RED,
     ),
-    Case("nothing on the table", each(empty), problems.NOTHING_THERE, YELLOW),
+    Case("nothing on the table", each(empty), messages.NOTHING_THERE, YELLOW),
 ]

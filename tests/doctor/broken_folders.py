@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from PIL import Image as Picture
 
-from neugrasp.doctor import problems
+from neugrasp.doctor import messages
 from neugrasp.doctor.findings import Level, Problem
 
 
@@ -87,41 +87,41 @@ def zoomed(folder: Path) -> None:
 
 RED = Level.RED
 FOLDER_CASES = [
-    FolderCase("scene.json missing", lambda f: (f / "scene.json").unlink(), problems.UNREADABLE, RED),
+    FolderCase("scene.json missing", lambda f: (f / "scene.json").unlink(), messages.UNREADABLE, RED),
     FolderCase(
         "scene.json cut short",
         lambda f: (f / "scene.json").write_text('{"format":'),
-        problems.UNREADABLE,
+        messages.UNREADABLE,
         RED,
     ),
-    FolderCase("a photo missing", lambda f: (f / "images/1.png").unlink(), problems.UNREADABLE, RED, (1,)),
+    FolderCase("a photo missing", lambda f: (f / "images/1.png").unlink(), messages.UNREADABLE, RED, (1,)),
     FolderCase(
         "a photo damaged",
         lambda f: (f / "backgrounds/2.png").write_bytes(b"\x89PNG"),
-        problems.UNREADABLE,
+        messages.UNREADABLE,
         RED,
         (2,),
     ),
-    FolderCase("a background of another size", smaller, problems.UNREADABLE, RED, (3,)),
-    FolderCase("a photo with a rotation tag", turned, problems.ROTATION_TAG, Level.YELLOW),
-    FolderCase("a photo of a lens of twice the focal length", zoomed, problems.OTHER_LENS, Level.YELLOW),
+    FolderCase("a background of another size", smaller, messages.UNREADABLE, RED, (3,)),
+    FolderCase("a photo with a rotation tag", turned, messages.ROTATION_TAG, Level.YELLOW),
+    FolderCase("a photo of a lens of twice the focal length", zoomed, messages.OTHER_LENS, Level.YELLOW),
     FolderCase(
         "a pose with a left-handed frame",
         posed(lambda p: p @ np.diag([1, 1, -1, 1]), (0,)),
-        problems.NOT_RIGID,
+        messages.NOT_RIGID,
         RED,
         (0,),
     ),
     FolderCase(
-        "poses with a scale", posed(lambda p: p @ np.diag([2, 2, 2, 1]), (1,)), problems.NOT_RIGID, RED, (1,)
+        "poses with a scale", posed(lambda p: p @ np.diag([2, 2, 2, 1]), (1,)), messages.NOT_RIGID, RED, (1,)
     ),
     FolderCase(
-        "poses transposed", posed(np.transpose, (0, 1, 2, 3)), problems.TRANSPOSED, RED, (0, 1, 2, 3), True
+        "poses transposed", posed(np.transpose, (0, 1, 2, 3)), messages.TRANSPOSED, RED, (0, 1, 2, 3), True
     ),
     FolderCase(
         "size of the cube in millimetres",
         scene(lambda d: d["workspace"].update(size=300)),
-        problems.UNITS,
+        messages.UNITS,
         RED,
         (),
         True,
@@ -129,21 +129,21 @@ FOLDER_CASES = [
     FolderCase(
         "intrinsics in millimetres",
         intrinsics(lambda k: k * [[0.003], [0.003], [1]]),
-        problems.INTRINSICS_UNIT,
+        messages.INTRINSICS_UNIT,
         RED,
         (0, 1, 2, 3),
     ),
     FolderCase(
         "intrinsics as fractions of the photo",
         intrinsics(lambda k: k / [[240], [135], [1]]),
-        problems.INTRINSICS_UNIT,
+        messages.INTRINSICS_UNIT,
         RED,
         (0, 1, 2, 3),
     ),
     FolderCase(
         "the principal point missing",
         scene(lambda d: d["views"][2].update(intrinsics=[400, 400])),
-        problems.UNREADABLE,
+        messages.UNREADABLE,
         RED,
         (2,),
     ),

@@ -23,7 +23,7 @@ from neugrasp.doctor.capture import Capture
 from neugrasp.doctor.examination import Diagnosis, examine, examine_folder, examine_read
 from neugrasp.doctor.findings import Finding, Level
 from neugrasp.doctor.fix import write_fixed
-from neugrasp.doctor.problems import INVERTED_WORKSPACE
+from neugrasp.doctor.messages import INVERTED_WORKSPACE
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import from_quaternion, inverse
 from neugrasp.observation import Views

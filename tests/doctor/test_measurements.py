@@ -16,8 +16,8 @@ from neugrasp.doctor.examination import examine
 from neugrasp.doctor.findings import Level
 from neugrasp.doctor.light import different, drift_of
 from neugrasp.doctor.registration import shift_between
-from neugrasp.doctor.shot import Shot, grey, shots_of
 from neugrasp.doctor.table import mean_correlation, table_pictures
+from neugrasp.doctor.table_crop import TableCrop, grey, table_crops
 from neugrasp.geometry.pose import from_quaternion, rigid
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.observation import Views
@@ -26,25 +26,25 @@ few = settings(max_examples=8, deadline=None)
 
 
 @pytest.fixture(scope="session")
-def shot(good: Views) -> Shot:
-    return shots_of(good)[1]
+def crop(good: Views) -> TableCrop:
+    return table_crops(good)[1]
 
 
 @few
 @given(st.floats(-6, 6), st.floats(-6, 6), st.floats(0.5, 1.5))
 def test_any_shift_is_measured_to_a_tenth_of_a_pixel_behind_objects_and_in_another_light(
-    shot: Shot, x: float, y: float, gain: float
+    crop: TableCrop, x: float, y: float, gain: float
 ):
     """The second picture is the empty table moved by the opposite; the first holds objects and shadows."""
-    moved = gain * ndimage.shift(grey(shot.background), (-y, -x), order=3, mode="nearest")
-    shift = shift_between(grey(shot.image), moved)
+    moved = gain * ndimage.shift(grey(crop.background), (-y, -x), order=3, mode="nearest")
+    shift = shift_between(grey(crop.image), moved)
     assert (shift.x, shift.y) == pytest.approx((x, y), abs=0.1)
     assert shift.agreement > 0.8
 
 
-def test_pictures_of_different_things_agree_about_no_shift(shot: Shot, rng: np.random.Generator):
-    noise = ndimage.gaussian_filter(rng.normal(size=shot.background.shape[:2]), 2)
-    assert shift_between(grey(shot.image), noise).agreement < 0.3
+def test_pictures_of_different_things_agree_about_no_shift(crop: TableCrop, rng: np.random.Generator):
+    noise = ndimage.gaussian_filter(rng.normal(size=crop.background.shape[:2]), 2)
+    assert shift_between(grey(crop.image), noise).agreement < 0.3
     plain = np.full_like(noise, 0.5)
     assert shift_between(plain, plain + rng.normal(0, 0.003, plain.shape)).agreement < 0.5
 
@@ -52,20 +52,20 @@ def test_pictures_of_different_things_agree_about_no_shift(shot: Shot, rng: np.r
 @few
 @given(st.tuples(*[st.floats(0.6, 1.6)] * 3))
 def test_exposure_and_white_balance_are_the_gains_of_the_channels(
-    shot: Shot, gains: tuple[float, float, float]
+    crop: TableCrop, gains: tuple[float, float, float]
 ):
     room = Room(gain=gains, seed=5)
-    drift = drift_of(replace(shot, image=photo(shot.camera, room).astype(np.float32) / 255))
+    drift = drift_of(replace(crop, image=photo(crop.camera, room).astype(np.float32) / 255))
     stops = np.log2(gains)
     assert drift.exposure == pytest.approx(stops.mean(), abs=0.05)
     assert drift.white_balance == pytest.approx(np.ptp(stops), abs=0.05)
     assert drift.slope < 0.15
 
 
-def test_what_differs_is_where_the_objects_and_their_shadows_are(shot: Shot):
-    changed = different(shot, drift_of(shot))
+def test_what_differs_is_where_the_objects_and_their_shadows_are(crop: TableCrop):
+    changed = different(crop, drift_of(crop))
     # The ball is red, the box is blue; the table is neither.
-    red, blue = shot.image[..., 0] - shot.image[..., 2], shot.image[..., 2] - shot.image[..., 0]
+    red, blue = crop.image[..., 0] - crop.image[..., 2], crop.image[..., 2] - crop.image[..., 0]
     objects = ndimage.binary_erosion((red > 0.35) | (blue > 0.2), iterations=2)
     assert objects.sum() > 200
     assert changed[objects].mean() > 0.98
@@ -78,7 +78,7 @@ def test_the_tables_agree_best_where_the_table_is(good: Views):
         Workspace(world_from_workspace=rigid(translation=(0, 0, height)))
         for height in (-0.02, -0.01, 0.0, 0.01, 0.02)
     ]
-    agreed = [mean_correlation(table_pictures(shots_of(replace(good, workspace=w)), w)) for w in cubes]
+    agreed = [mean_correlation(table_pictures(table_crops(replace(good, workspace=w)), w)) for w in cubes]
     assert int(np.argmax(agreed)) == 2
     assert agreed[2] > 0.95
     assert max(agreed[0], agreed[4]) < 0.6

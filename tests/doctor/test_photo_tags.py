@@ -13,7 +13,7 @@ from neugrasp.data.photo_files import AS_STORED, Tags, photo_tags
 from neugrasp.data.scene_folder import read_scene, write_scene
 from neugrasp.doctor.examination import examine_folder, examine_read
 from neugrasp.doctor.findings import Finding, Level
-from neugrasp.doctor.problems import OTHER_LENS, ROTATION_TAG
+from neugrasp.doctor.messages import OTHER_LENS, ROTATION_TAG
 from neugrasp.observation import Views
 
 DETAILS = 0x8769

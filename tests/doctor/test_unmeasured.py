@@ -19,7 +19,7 @@ from neugrasp.doctor.capture import Capture
 from neugrasp.doctor.examination import Diagnosis, examine, examine_read
 from neugrasp.doctor.findings import Level
 from neugrasp.doctor.fix import write_fixed
-from neugrasp.doctor.problems import (
+from neugrasp.doctor.messages import (
     POSES_UNCHECKED,
     ROTATION_TAG,
     SILHOUETTES,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from neugrasp.doctor.findings import Finding, views_text
-from neugrasp.doctor.problems import all_problems
+from neugrasp.doctor.messages import all_problems
 
 FILE = Path(__file__).parents[2] / "docs/troubleshooting.md"
 COMMAND = "UPDATE_DOCS=1 pytest -m slow tests/doctor/test_broken_captures.py"

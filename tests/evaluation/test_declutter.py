@@ -14,11 +14,11 @@ import pytest
 from neugrasp.data.world import Cell, Scene
 from neugrasp.detection.contract import Detection
 from neugrasp.detection.registry import DEPTH, GROUP, PHOTOS, TRUTH, detector_spec
-from neugrasp.evaluation.declutter import Game, Judgement, declutter
+from neugrasp.evaluation.declutter import EpisodeConfig, SurfaceError, declutter
 from neugrasp.evaluation.episode import Episode
+from neugrasp.evaluation.ground_truth import SimulatedGroundTruth
 from neugrasp.evaluation.protocols import PROTOCOLS, STRATEGIES, protocol_of, strategy_of
 from neugrasp.evaluation.scores import scores
-from neugrasp.evaluation.witness import SimulatedWitness
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasps
 from neugrasp.metrics import l1_by_mask
@@ -47,15 +47,15 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
 class NoCamera:
     """Shows nothing."""
 
-    def look(self) -> None:
+    def capture(self) -> None:
         return None
 
 
 class Notary:
-    """A witness without an opinion."""
+    """A ground truth without an opinion."""
 
-    def judge(self, detection: Detection) -> Judgement:
-        return Judgement({}, {})
+    def surface_error(self, detection: Detection) -> SurfaceError:
+        return SurfaceError({}, {})
 
     def describe(self) -> dict[str, Any]:
         return {}
@@ -65,8 +65,8 @@ class Notary:
 def play(world: World) -> Callable[..., Episode]:
     def playing(detector: Any, *bodies: Any, strategy: str = "top") -> Episode:
         robot = SimulatedRobot(world, boxes_scene(*bodies))
-        game = Game(protocol_of("paper"), strategy_of(strategy), draw, UP)
-        return declutter(game, 7, Robot(NoCamera(), robot, robot), detector, Notary())
+        config = EpisodeConfig(protocol_of("paper"), strategy_of(strategy), draw, UP)
+        return declutter(config, 7, Robot(NoCamera(), robot, robot), detector, Notary())
 
     return playing
 
@@ -119,13 +119,13 @@ def test_an_object_pushed_off_the_table_is_told_and_not_counted(play: Callable[.
             return detection(AirGrasper().detect(views).grasps[0])
 
     class Sweeping(SimulatedRobot):
-        def leave(self) -> None:
+        def retract(self) -> None:
             world.place(0, box(0.5, 0.5))
-            super().leave()
+            super().retract()
 
     robot = Sweeping(world, boxes_scene(*THREE[:2]))
-    game = Game(protocol_of("paper"), strategy_of("top"), draw, UP)
-    episode = declutter(game, 0, Robot(NoCamera(), robot, robot), Clearer(), Notary())
+    config = EpisodeConfig(protocol_of("paper"), strategy_of("top"), draw, UP)
+    episode = declutter(config, 0, Robot(NoCamera(), robot, robot), Clearer(), Notary())
     assert [attempt.lost for attempt in episode.attempts] == [1, 1]
     assert {attempt.reason for attempt in episode.attempts} == {"carried away from the table"}
     result = scores([episode], protocol_of("paper"))
@@ -168,7 +168,7 @@ class Spy:
 
 
 class OnePhoto:
-    """A photographer to whom all scenes look the same."""
+    """A scene renderer to whom all scenes look the same."""
 
     def render(
         self, cell: Cell, scene: Scene | None, library: object, camera_indices: Sequence[int]
@@ -179,14 +179,14 @@ class OnePhoto:
 def shown(world: World, *bodies: Any) -> Spy:
     """What a detector of photos sees in a round, everything but the photos being as usual."""
     cell = sample_cell(world.workspace, "released", 3, "test", size=16, num_targets=0)
-    photographer: Any = OnePhoto()
-    empty = np.stack(photographer.render(cell, None, None, range(4)))
+    scene_renderer: Any = OnePhoto()
+    empty = np.stack(scene_renderer.render(cell, None, None, range(4)))
     robot = SimulatedRobot(world, boxes_scene(*bodies))
-    camera = PhotoCamera(robot, cell, empty, photographer, Boxes, world.workspace)  # type: ignore[arg-type]
-    witness = SimulatedWitness(robot, TruthCamera(world))
-    game = Game(protocol_of("paper"), strategy_of("top"), draw, UP)
+    camera = PhotoCamera(robot, cell, empty, scene_renderer, Boxes, world.workspace)  # type: ignore[arg-type]
+    ground_truth = SimulatedGroundTruth(robot, TruthCamera(world))
+    config = EpisodeConfig(protocol_of("paper"), strategy_of("top"), draw, UP)
     spy = Spy()
-    declutter(game, 0, Robot(camera, robot, robot), spy, witness)
+    declutter(config, 0, Robot(camera, robot, robot), spy, ground_truth)
     return spy
 
 
@@ -214,7 +214,7 @@ def test_a_detector_of_colour_and_depth_sees_both_from_the_same_places(world: Wo
             return black
 
     photos = PhotoCamera(robot, cell, black, Black(), Boxes(tmp_path), world.workspace)
-    seen = RgbdCamera(photos, DepthCamera(world, cell.cameras[: cell.num_inputs])).look()
+    seen = RgbdCamera(photos, DepthCamera(world, cell.cameras[: cell.num_inputs])).capture()
     assert seen.channels == {"image", "background", "depth"}
     assert [frame.camera for frame in seen.frames] == list(cell.cameras[: cell.num_inputs])
     assert with_depth(seen).frames[0].depth.max() > 0.1
@@ -223,10 +223,10 @@ def test_a_detector_of_colour_and_depth_sees_both_from_the_same_places(world: Wo
 def test_depth_cameras_measure_the_table(world: World):
     robot = SimulatedRobot(world, boxes_scene(THREE[0]))
     cell = sample_cell(world.workspace, "released", 0, "test", size=32, num_targets=0)
-    seen = DepthCamera(world, cell.cameras).look()
+    seen = DepthCamera(world, cell.cameras).capture()
     exact = [world.depth_and_mask(camera)[0] for camera in cell.cameras]
     assert all(np.array_equal(v.depth, d) for v, d in zip(seen.frames, exact, strict=True))
-    doubled = DepthCamera(world, cell.cameras, lambda depth: 2 * depth).look()
+    doubled = DepthCamera(world, cell.cameras, lambda depth: 2 * depth).capture()
     assert np.array_equal(doubled.frames[0].depth, 2 * exact[0])
     assert robot.count() == 1
 
@@ -235,7 +235,7 @@ def test_constant_predictors_come_out_as_measured_elsewhere(world: World):
     """The table of method.md A6 for a table with five boxes."""
     five = (*THREE, box(0.08, 0.2), box(0.22, 0.2))
     robot = SimulatedRobot(world, boxes_scene(*five))
-    judgement = SimulatedWitness(robot, TruthCamera(world)).judge(detection())
+    error = SimulatedGroundTruth(robot, TruthCamera(world)).judge(detection())
     expected = {
         "-1": {"1.0": (0.46, 0.51), "0.5": (0.71, 0.77), "0.3": (0.90, 0.94), "0.1": (0.92, 0.96)},
         "+0": {"1.0": (0.49, 0.54), "0.5": (0.24, 0.29), "0.3": (0.06, 0.11), "0.1": (0.05, 0.08)},
@@ -243,9 +243,9 @@ def test_constant_predictors_come_out_as_measured_elsewhere(world: World):
     }
     for value, masks in expected.items():
         for mask, (low, high) in masks.items():
-            assert low <= judgement.constants[value][mask] <= high, (value, mask)
+            assert low <= error.constants[value][mask] <= high, (value, mask)
     # A surface that is nowhere says +1 everywhere.
-    assert judgement.l1 == judgement.constants["+1"]
+    assert error.l1 == error.constants["+1"]
 
 
 def test_the_true_surface_has_no_error(world: World):
@@ -253,9 +253,9 @@ def test_the_true_surface_has_no_error(world: World):
 
     robot = SimulatedRobot(world, boxes_scene(*THREE))
     truth = TruthCamera(world)
-    true = 2 * vgn_grid(truth.look().tsdf) - 1
+    true = 2 * vgn_grid(truth.capture().tsdf) - 1
     found = Detection(Grasps.of(()), world.workspace, world.gripper, true)
-    assert SimulatedWitness(robot, truth).judge(found).l1 == dict.fromkeys(l1_by_mask(0.0, true), 0.0)
-    assert truth.look() is truth.look()
+    assert SimulatedGroundTruth(robot, truth).judge(found).l1 == dict.fromkeys(l1_by_mask(0.0, true), 0.0)
+    assert truth.capture() is truth.capture()
     world.remove(0)
-    assert not np.array_equal(2 * vgn_grid(truth.look().tsdf) - 1, true)
+    assert not np.array_equal(2 * vgn_grid(truth.capture().tsdf) - 1, true)

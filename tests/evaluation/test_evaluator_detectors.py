@@ -23,7 +23,7 @@ from neugrasp.model.grasp_evaluator import GraspEvaluator
 from neugrasp.report.command import Predict
 from neugrasp.report.predict import predict
 
-ORACLE, ON_PHOTOS = "neugrasp.evaluation.measuring_sticks:JUDGED", "neugrasp.detection.detector:JUDGED"
+ORACLE, ON_PHOTOS = "neugrasp.evaluation.oracle_baselines:JUDGED", "neugrasp.detection.detector:JUDGED"
 """By module: an installation of before them does not know the names."""
 
 

@@ -14,20 +14,20 @@ from PIL import Image as Picture
 from neugrasp.errors import InputError
 from neugrasp.evaluation import paper_table
 from neugrasp.evaluation.commands import Table
-from neugrasp.evaluation.contestants import CONTESTANTS, PAPER, GivenWeights, contestant
+from neugrasp.evaluation.compared_methods import COMPARED_METHODS, PAPER, GivenWeights, compared_method
 from neugrasp.evaluation.paper_table import planned, run
 
 
 @pytest.fixture
-def photographer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> type:
+def scene_renderer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> type:
     monkeypatch.setenv("NEUGRASP_CACHE", str(tmp_path / "cache"))
     monkeypatch.syspath_prepend(Path(__file__).parent.parent / "simulation")
-    return importlib.import_module("noise_photographer").NoisePhotographer
+    return importlib.import_module("noise_renderer").NoiseRenderer
 
 
 def test_the_paper_has_every_packed_cell():
     cells = {key for key in PAPER if key[1] == "packed"}
-    assert len(cells) == len(CONTESTANTS) * 4
+    assert len(cells) == len(COMPARED_METHODS) * 4
     for figures in PAPER.values():
         *rates, error = map(float, figures.split(" / "))
         assert len(rates) == 3
@@ -53,8 +53,8 @@ def test_detectors_without_weights_are_left_out_unless_they_are_asked_for():
 
 
 def test_slow_systems_play_fewer_rounds(monkeypatch: pytest.MonkeyPatch):
-    slow = replace(contestant("antipodal"), most_rounds=30)
-    monkeypatch.setitem(CONTESTANTS, "antipodal", slow)
+    slow = replace(compared_method("antipodal"), most_rounds=30)
+    monkeypatch.setitem(COMPARED_METHODS, "antipodal", slow)
     for asked, played in ((None, 30), (100, 30), (5, 5)):
         rows, _ = planned(Table("pile", rounds=asked, detectors=("antipodal", "oracle")))
         assert {r.evaluation.rounds for r in rows if r.system is slow} == {played}
@@ -62,12 +62,12 @@ def test_slow_systems_play_fewer_rounds(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_rows_are_played_once_and_compared(
-    photographer: type, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    scene_renderer: type, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     config = Table(
         "single", out=tmp_path, rounds=2, detectors=("neugrasp", "antipodal"), strategies=("top",), workers=1
     )
-    said = run(config, photographer)
+    said = run(config, scene_renderer)
     page = (tmp_path / "single.md").read_text()
     assert said.startswith(page)
     assert said.splitlines()[-1].startswith("next: neugrasp failures")
@@ -83,21 +83,21 @@ def test_rows_are_played_once_and_compared(
     def twice(*_: object) -> None:
         raise AssertionError("played again")
 
-    monkeypatch.setattr("neugrasp.evaluation.bench.Bench.play", twice)
-    assert run(config, photographer) == said
+    monkeypatch.setattr("neugrasp.evaluation.episode_runner.EpisodeRunner.play", twice)
+    assert run(config, scene_renderer) == said
 
 
-def test_the_paper_stands_beside_packed_rows(photographer: type, tmp_path: Path):
+def test_the_paper_stands_beside_packed_rows(scene_renderer: type, tmp_path: Path):
     config = Table(
         "packed", out=tmp_path, rounds=1, detectors=("neugrasp",), strategies=("random",), workers=1
     )
-    assert "| 86.3 / 86.0 / 81.0 / 0.153 |" in run(config, photographer)
+    assert "| 86.3 / 86.0 / 81.0 / 0.153 |" in run(config, scene_renderer)
 
 
-def test_a_picture_of_the_surfaces(photographer: type, tmp_path: Path):
+def test_a_picture_of_the_surfaces(scene_renderer: type, tmp_path: Path):
     config = Table("single", out=tmp_path, detectors=("neugrasp", "oracle"), picture=True)
     path = tmp_path / "single_surfaces.png"
-    assert run(config, photographer).splitlines()[0] == str(path)
+    assert run(config, scene_renderer).splitlines()[0] == str(path)
     with Picture.open(path) as picture:
         # A photo, the truth and two detectors in a row.
         assert picture.width > 4 * 320
@@ -106,7 +106,7 @@ def test_a_picture_of_the_surfaces(photographer: type, tmp_path: Path):
 
 
 def test_nothing_to_play_is_said(monkeypatch: pytest.MonkeyPatch):
-    only = {"vgn": contestant("vgn")}
-    monkeypatch.setattr(paper_table, "CONTESTANTS", only)
+    only = {"vgn": compared_method("vgn")}
+    monkeypatch.setattr(paper_table, "COMPARED_METHODS", only)
     with pytest.raises(InputError, match="no detector can be used"):
         planned(Table("pile", weights=("vgn=nowhere.pth",)))

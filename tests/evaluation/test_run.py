@@ -26,15 +26,15 @@ from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.detection.registry import GROUP, PHOTOS, detector_spec
 from neugrasp.errors import InputError
 from neugrasp.evaluation import run
-from neugrasp.evaluation.bench import Bench
-from neugrasp.evaluation.commands import Evaluate, Story
+from neugrasp.evaluation.commands import Evaluate, InspectEpisode
 from neugrasp.evaluation.compare import compare
 from neugrasp.evaluation.episode import Episode, read_episode
-from neugrasp.evaluation.measuring_sticks import Oracle
+from neugrasp.evaluation.episode_report import write_episode_report
+from neugrasp.evaluation.episode_runner import EpisodeRunner
+from neugrasp.evaluation.oracle_baselines import Oracle
 from neugrasp.evaluation.rounds import Round, Rounds
 from neugrasp.evaluation.run import evaluate
 from neugrasp.evaluation.scores import TIMES
-from neugrasp.evaluation.story import write_story
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.checkpoint import load_checkpoint, save_checkpoint
 from neugrasp.model.network import NeuGrasp
@@ -61,7 +61,7 @@ def _cache(tmp_path_factory: pytest.TempPathFactory) -> object:
 def photographers(_cache: object) -> ModuleType:
     import importlib
 
-    return importlib.import_module("noise_photographer")
+    return importlib.import_module("noise_renderer")
 
 
 def small(out: Path, **changes: Any) -> Evaluate:
@@ -239,10 +239,10 @@ def test_a_round_that_crashes_is_reported_and_tried_again(
 
 
 def test_a_round_does_not_depend_on_those_before_it(undisturbed: Path, tmp_path: Path):
-    bench = Bench(small(tmp_path), None)
-    with bench.world:
-        bench.play(0)
-        last = bench.play(2)
+    runner = EpisodeRunner(small(tmp_path), None)
+    with runner.world:
+        runner.play(0)
+        last = runner.play(2)
     assert outcome(last) == outcome(read_episode(undisturbed / "rounds" / "000002.json"))
 
 
@@ -308,7 +308,7 @@ def test_the_threshold_is_the_users_or_the_weights_or_the_protocols(tmp_path: Pa
 
 def test_a_detector_of_another_package_plays(tmp_path: Path, photographers: ModuleType):
     config = small(tmp_path / "out", detector="toy_detector:SPEC", rounds=1, seed=31)
-    metrics = evaluate(config, photographers.NoisePhotographer)
+    metrics = evaluate(config, photographers.NoiseRenderer)
     assert metrics["detector"] == "toy_detector:SPEC"
     assert metrics["attempts"] >= 1
     assert "--detector toy_detector:SPEC" in config.command()
@@ -327,7 +327,7 @@ def test_photos_are_taken_for_the_network_and_backgrounds_once_for_all(
 ):
     rendered: list[bool] = []
 
-    class Counting(photographers.NoisePhotographer):  # type: ignore[name-defined,misc]
+    class Counting(photographers.NoiseRenderer):  # type: ignore[name-defined,misc]
         def render(self, cell: Any, scene: Any, library: Any, camera_indices: Any) -> Any:
             rendered.append(scene is not None)
             return super().render(cell, scene, library, camera_indices)
@@ -347,8 +347,8 @@ def test_photos_are_taken_for_the_network_and_backgrounds_once_for_all(
     assert rendered == [False, True, True], "photos of other noise need backgrounds of that noise"
     assert (other["samples"], metrics["samples"]) == (1, 4)
 
-    story = Story(tmp_path / "a", 0, tmp_path / "story.html", photos="yes")
-    page = write_story(story, photographers.NoisePhotographer(1)).read_text()
+    report = InspectEpisode(tmp_path / "a", 0, tmp_path / "report.html", photos="yes")
+    page = write_episode_report(report, photographers.NoiseRenderer(1)).read_text()
     assert page.count("data:image/jpeg;base64,") == 4 * 3
 
 
@@ -359,7 +359,7 @@ def test_samples_reach_the_renderer(
 
     def renderer(threads: int, settings: RenderSettings) -> object:
         asked.append(settings.samples)
-        return photographers.NoisePhotographer(threads)
+        return photographers.NoiseRenderer(threads)
 
     monkeypatch.setattr(run, "Renderer", renderer)
     monkeypatch.setattr(NeuGraspDetector, "load", classmethod(lambda *_, **__: AirGrasper()))
@@ -370,10 +370,10 @@ def test_samples_reach_the_renderer(
 
 
 def test_a_story_is_one_file_that_tells_every_attempt(undisturbed: Path, tmp_path: Path):
-    page = write_story(Story(undisturbed, 1, tmp_path / "story.html")).read_text()
+    page = write_episode_report(InspectEpisode(undisturbed, 1, tmp_path / "report.html")).read_text()
     episode = read_episode(undisturbed / "rounds" / "000001.json")
     assert page.count("<section") == len(episode.attempts) + bool(episode.left and episode.left["bodies"])
     assert f"ended: <b>{episode.ending}</b>" in page
     assert not re.search(r"(src|href)=['\"](?!data:)", page)
     with pytest.raises(InputError, match=r"000009\.json"):
-        write_story(Story(undisturbed, 9))
+        write_episode_report(InspectEpisode(undisturbed, 9))

@@ -18,8 +18,8 @@ from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
 from neugrasp.figures import features, priors, trajectory
 from neugrasp.figures.features import feature_maps, paint, sample
+from neugrasp.figures.figure_inputs import FigureInput, open_figure_input
 from neugrasp.figures.priors import itself, one_colour, replace_backgrounds, variants
-from neugrasp.figures.subject import Subject, open_subject
 from neugrasp.figures.trajectory import hand_stages, trajectory_figure
 from neugrasp.grasp import Grasp, Grasps
 from neugrasp.gripper import Gripper
@@ -61,8 +61,8 @@ def _small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def subject(ball: Path) -> Subject:
-    return open_subject(str(ball), 1)
+def source(ball: Path) -> FigureInput:
+    return open_figure_input(str(ball), 1)
 
 
 @pytest.mark.parametrize("which", ["features", "priors", "trajectory"])
@@ -91,8 +91,8 @@ def test_mistakes_are_named(ball: Path, weights: Path, tmp_path: Path, capsys: p
     assert "give it as --without" in refused("priors", "--scene", ball, "--weights", plain)
 
 
-def test_objects_and_table_are_where_the_masks_say(subject: Subject, weights: Path):
-    maps = feature_maps(subject, NeuGraspDetector.load(weights / "with.safetensors").model)
+def test_objects_and_table_are_where_the_masks_say(source: FigureInput, weights: Path):
+    maps = feature_maps(source, NeuGraspDetector.load(weights / "with.safetensors").model)
     assert maps.are_known
     assert maps.scene.shape[:3] == maps.attentive.shape[:3] == maps.kinds.shape == maps.measured.shape
     assert set(np.unique(maps.kinds)) == {0, 1}
@@ -103,9 +103,9 @@ def test_objects_and_table_are_where_the_masks_say(subject: Subject, weights: Pa
     assert redness[is_ball].min() > REDNESS / 2 > redness[~is_ball].mean()
 
 
-def test_without_masks_what_changed_counts_as_object(subject: Subject, weights: Path):
+def test_without_masks_what_changed_counts_as_object(source: FigureInput, weights: Path):
     model = NeuGraspDetector.load(weights / "with.safetensors").model
-    known, guessed = feature_maps(subject, model), feature_maps(replace(subject, truth=None), model)
+    known, guessed = feature_maps(source, model), feature_maps(replace(source, truth=None), model)
     assert not guessed.are_known
     is_ball = known.kinds > 0
     assert (guessed.kinds > 0)[is_ball].mean() > 0.8
@@ -126,10 +126,10 @@ def test_every_kind_has_its_colour():
     assert len(np.unique(paint(np.arange(8)), axis=0)) == 8
 
 
-def test_the_background_is_taken_away_and_nothing_else(subject: Subject):
+def test_the_background_is_taken_away_and_nothing_else(source: FigureInput):
     for change in (itself, one_colour):
         for view, old in zip(
-            replace_backgrounds(subject.views, change).frames, subject.views.frames, strict=True
+            replace_backgrounds(source.views, change).frames, source.views.frames, strict=True
         ):
             np.testing.assert_array_equal(view.image, old.image)
             assert view.camera is old.camera
@@ -137,13 +137,13 @@ def test_the_background_is_taken_away_and_nothing_else(subject: Subject):
             assert not np.array_equal(view.background, old.background)
 
 
-def test_two_models_are_compared_where_two_are_given(subject: Subject, weights: Path):
+def test_two_models_are_compared_where_two_are_given(source: FigureInput, weights: Path):
     full, plain = (NeuGraspDetector.load(weights / name) for name in CHANGES)
-    words = [variant.words for variant in variants(subject.views, full, plain)]
+    words = [variant.words for variant in variants(source.views, full, plain)]
     assert words == ["with the empty table", "trained without the empty table"]
-    assert len(variants(subject.views, full, None)) == 3
+    assert len(variants(source.views, full, None)) == 3
     with pytest.raises(InputError, match="one trained without is wanted"):
-        variants(subject.views, full, full)
+        variants(source.views, full, full)
 
 
 def test_the_hand_comes_open_closes_and_leaves(workspace_grasp: Grasp):
@@ -165,12 +165,12 @@ def workspace_grasp() -> Grasp:
     return Grasp(pose, 0.04, 0.9)
 
 
-def test_a_scene_without_grasps_and_one_with_are_drawn(subject: Subject, workspace_grasp: Grasp):
-    assert subject.truth is not None
-    gripper, workspace = Gripper.load("panda"), subject.views.workspace
-    none = Detection(Grasps.of(()), workspace, gripper, subject.truth.tsdf, {"off_the_surface": 64000}, 0.1)
+def test_a_scene_without_grasps_and_one_with_are_drawn(source: FigureInput, workspace_grasp: Grasp):
+    assert source.truth is not None
+    gripper, workspace = Gripper.load("panda"), source.views.workspace
+    none = Detection(Grasps.of(()), workspace, gripper, source.truth.tsdf, {"off_the_surface": 64000}, 0.1)
     one = replace(none, grasps=Grasps.of([workspace_grasp]))
-    empty, full = (trajectory_figure(subject, detection, gripper) for detection in (none, one))
+    empty, full = (trajectory_figure(source, detection, gripper) for detection in (none, one))
     assert empty.shape == full.shape
     height, width = empty.shape[:2]
     # The right half has the hand; the left one, with the cameras, is the same. Below are words.

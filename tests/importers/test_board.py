@@ -19,13 +19,13 @@ from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array, inverse, rigid, rotation_about
 from neugrasp.importers.board import Board, Tag, Tags
 from neugrasp.importers.board_file import read_board
-from neugrasp.importers.lens import Lens
+from neugrasp.importers.distortion import Lens
 from neugrasp.observation import View, Views
 
 pytest.importorskip("cv2")
 
+from neugrasp.importers.board_page import PAPERS, sheet
 from neugrasp.importers.markers import calibrate, find_board
-from neugrasp.importers.sheet import PAPERS, sheet
 from table_photos import camera_at, photo_of_table
 
 TARGET = np.array([0.126, 0.25, 0.0])

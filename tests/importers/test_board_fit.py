@@ -17,7 +17,7 @@ from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import inverse, rigid
 from neugrasp.importers.board import FIRST_TAGS, Board, Charuco, Tag, Tags
 from neugrasp.importers.board_file import read_board
-from neugrasp.importers.lens import Lens
+from neugrasp.importers.distortion import Lens
 
 pytest.importorskip("cv2")
 

@@ -40,14 +40,14 @@ def model(folder: Path, camera: str) -> Path:
 )
 def test_every_pinhole_is_known(tmp_path: Path, camera: str, focal: tuple, coefficients: tuple):
     (listed,) = read_model(model(tmp_path, camera))
-    shot = listed.read()
-    assert shot.name == "a folder/first photo.png"
-    assert (shot.lens.width, shot.lens.height) == (640, 480)
+    posed = listed.read()
+    assert posed.name == "a folder/first photo.png"
+    assert (posed.lens.width, posed.lens.height) == (640, 480)
     np.testing.assert_array_equal(
-        shot.lens.intrinsics, [[focal[0], 0, 319.5], [0, focal[1], 239.5], [0, 0, 1]]
+        posed.lens.intrinsics, [[focal[0], 0, 319.5], [0, focal[1], 239.5], [0, 0, 1]]
     )
-    np.testing.assert_array_equal(shot.lens.coefficients, coefficients)
-    np.testing.assert_allclose(shot.world_from_camera[:3, 3], (-0.1, -0.2, -0.3))
+    np.testing.assert_array_equal(posed.lens.coefficients, coefficients)
+    np.testing.assert_allclose(posed.world_from_camera[:3, 3], (-0.1, -0.2, -0.3))
 
 
 @pytest.mark.parametrize(
@@ -116,9 +116,9 @@ def test_images_are_told_from_points(
     cameras = (folder / "cameras.txt").read_text()
     (folder / "cameras.txt").write_bytes(mark + cameras.replace("\n", ending).encode())
     with caplog.at_level(logging.WARNING):
-        shots = [listed.read() for listed in read_model(folder)]
-    assert [shot.name for shot in shots] == ["a.png", "b c.png", "3.jpg"]
-    assert all(np.allclose(shot.world_from_camera[:3, 3], (-0.2, -0.3, -0.1)) for shot in shots)
+        posed_images = [listed.read() for listed in read_model(folder)]
+    assert [posed.name for posed in posed_images] == ["a.png", "b c.png", "3.jpg"]
+    assert all(np.allclose(posed.world_from_camera[:3, 3], (-0.2, -0.3, -0.1)) for posed in posed_images)
     assert ("the line of the points is missing" in caplog.text) == is_told
 
 

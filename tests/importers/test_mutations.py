@@ -28,8 +28,8 @@ from neugrasp.importers.colmap import read_model
 from neugrasp.importers.mistakes import check_poses
 from neugrasp.importers.nerfstudio import check_motion, read_transforms
 from neugrasp.importers.photos import Pair
+from neugrasp.importers.posed_image import Listed
 from neugrasp.importers.robot_poses import camera_of, read_robot
-from neugrasp.importers.shots import Listed
 from neugrasp.observation import View, Views
 
 FEW, MANY = 100, 2000
@@ -80,10 +80,10 @@ def small_scene() -> Views:
 
 
 def read_all(listed: list[Listed], file: Path) -> None:
-    """All of the shots, and what is said of their poses."""
+    """All of the posed images, and what is said of their poses."""
     photo = next(above / "images/view_0.png" for above in file.parents if (above / "images").is_dir())
-    shots = [entry.read() for entry in listed]
-    check_poses(shots, {shot.name: Pair(photo, photo) for shot in shots}, Workspace(), "here")
+    posed_images = [entry.read() for entry in listed]
+    check_poses(posed_images, {posed.name: Pair(photo, photo) for posed in posed_images}, Workspace(), "here")
 
 
 def transforms(file: Path) -> None:

@@ -67,8 +67,8 @@ def test_what_leaves_the_poses_alone_passes(
     with caplog.at_level(logging.WARNING):
         changed(file, **more)
         check_motion(file, has_scale=False, has_place=False)
-        for shot, view in zip(read(file), small_views.frames, strict=True):
-            np.testing.assert_allclose(shot.world_from_camera, view.camera.world_from_camera, atol=1e-12)
+        for posed, view in zip(read(file), small_views.frames, strict=True):
+            np.testing.assert_allclose(posed.world_from_camera, view.camera.world_from_camera, atol=1e-12)
     assert not caplog.text
 
 

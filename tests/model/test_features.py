@@ -7,7 +7,7 @@ import torch
 from torch import nn
 from torch.testing import assert_close
 
-from neugrasp.model.features import ChangeFeatures, ResidualAttention, StridedPointwise
+from neugrasp.model.features import ImageDifference, ResidualAttention, StridedPointwise
 
 
 @torch.no_grad()
@@ -15,7 +15,7 @@ def test_features_of_the_change_are_zero_where_nothing_changed() -> None:
     table = torch.rand(1, 3, 64, 64)
     scene = table.clone()
     scene[:, :, :20, :20] = torch.tensor([0.9, 0.1, 0.0]).reshape(1, 3, 1, 1)
-    change = ChangeFeatures(8)(scene, table)
+    change = ImageDifference(8)(scene, table)
     assert change.shape == (1, 8, 16, 16)
     assert change[:, :, 7:].abs().max() == 0
     assert change[:, :, :, 7:].abs().max() == 0

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.testing import assert_close
 
-from neugrasp.bench.subjects import bundled_views, fresh_model
+from neugrasp.bench.workloads import bundled_views, fresh_model
 from neugrasp.model.config import ModelConfig
 from neugrasp.model.inputs import ViewTensors, prepare
 from neugrasp.model.network import NeuGrasp

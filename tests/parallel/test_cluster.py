@@ -72,7 +72,7 @@ def test_a_node_that_dies_costs_its_tasks_only(nodes: Any, tmp_path: Path):
 
 def test_the_same_bytes_as_in_one_process(nodes: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "simulation"))
-    from noise_photographer import NoisePhotographer
+    from noise_renderer import NoiseRenderer
 
     def made(name: str, **changes: Any) -> dict[str, bytes]:
         config = Generate(
@@ -86,7 +86,7 @@ def test_the_same_bytes_as_in_one_process(nodes: Any, tmp_path: Path, monkeypatc
             seed=4,
             **changes,
         )
-        generate(config, NoisePhotographer)
+        generate(config, NoiseRenderer)
         files = sorted((config.out / "scenes").rglob("*"))
         return {str(f.relative_to(config.out)): f.read_bytes() for f in files if f.is_file()}
 

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from neugrasp.geometry.sampling import sample_images, sample_volume
 from neugrasp.model.config import ModelConfig
-from neugrasp.model.features import ChangeFeatures
+from neugrasp.model.features import ImageDifference
 from neugrasp.model.grasp_head import GraspVolume
 from neugrasp.model.inputs import ViewTensors
 from neugrasp.model.network import GRID_SAMPLES, NeuGrasp
@@ -84,7 +84,7 @@ class ReferenceNetwork(nn.Module):
         uses_attention = config.use_backgrounds and config.use_residual_attention
         self.residual = PlainResidual(config.feature_dim) if uses_attention else None
         uses_change = config.use_backgrounds and config.use_change
-        self.change = ChangeFeatures(config.feature_dim) if uses_change else None
+        self.change = ImageDifference(config.feature_dim) if uses_change else None
         self.volumes = PlainVolumes(config)
         self.field = PlainField(config)
         self.head = PlainHead(config)

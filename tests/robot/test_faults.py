@@ -163,7 +163,7 @@ def test_the_way_back_is_the_way_that_was_come(plan: PickPlan, monkeypatch: pyte
     hand = ArmHand(Guarded(arm, MOTION.fence), FatefulGripper(fate), MOTION, places, rest=lambda: None)
     seen = Detection(Grasps.of([GRASP]), CELL.workspace, CELL.gripper.gripper)
     hand.prepare(GRASP, seen)
-    assert hand.go_to(GRASP.pregrasp) is False
+    assert hand.move_to_pose(GRASP.pregrasp) is False
     stopped = arm.joints
     answers = iter((False, True))
     found = arm_hand.Motion.way
@@ -174,6 +174,6 @@ def test_the_way_back_is_the_way_that_was_come(plan: PickPlan, monkeypatch: pyte
         return found(self, start, goals, *rest, **more)  # type: ignore[arg-type]
 
     monkeypatch.setattr(arm_hand.Motion, "way", way)
-    hand.leave()
+    hand.retract()
     assert np.abs(stopped - CELL.out_of_sight).max() > 0.01
     np.testing.assert_allclose(arm.joints, CELL.out_of_sight, atol=1e-6)

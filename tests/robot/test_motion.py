@@ -42,7 +42,7 @@ INSIDE = -0.0015
 def seen(world: World) -> Detection:
     """The true surface of four boxes."""
     world.reset(boxes_scene(*BODIES))
-    tsdf = TruthCamera(world).look().tsdf.values
+    tsdf = TruthCamera(world).capture().tsdf.values
     return Detection(Grasps.of([]), world.workspace, world.gripper, tsdf)
 
 

@@ -12,8 +12,8 @@ from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.robot.pick import COLLISION, NOTHING_HELD, SUCCESS, pick
 from neugrasp.robot.simulated import SimulatedRobot
+from neugrasp.simulation.grasp_execution import execute
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.trials import execute
 from toy_boxes import DOWN, Boxes, box, boxes_scene, grasp_of
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -35,7 +35,7 @@ class PaperRobot:
         self.done: list[str] = []
         self.places: list[Array] = []
 
-    def go_to(self, world_from_tcp: Array) -> bool:
+    def move_to_pose(self, world_from_tcp: Array) -> bool:
         self.done.append("go")
         self.places.append(world_from_tcp[:3, 3])
         return self.reachable
@@ -45,11 +45,11 @@ class PaperRobot:
         self.places.append(position)
         return self.contact and stop_on_contact
 
-    def deliver(self) -> bool:
+    def place_in_bin(self) -> bool:
         self.done.append("deliver")
         return True
 
-    def leave(self) -> None:
+    def retract(self) -> None:
         self.done.append("leave")
 
     def open(self) -> None:
@@ -119,7 +119,7 @@ def test_an_object_that_leaves_the_workspace_takes_its_material_with_it(world: W
     bodies = [box(0.08, 0.08, "0.03 0.05 0.061"), box(0.22, 0.1, "0.03 0.05 0.062")]
     robot = SimulatedRobot(world, boxes_scene(*bodies))
     world.place(0, box(0.4, 0.4, "0.03 0.05 0.061"))
-    robot.leave()
+    robot.retract()
     assert robot.count() == 1
     assert [material.preset for material in robot.scene().materials] == ["material 1"]
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from neugrasp.detection.contract import Detection
-from neugrasp.evaluation.declutter import Game, declutter
+from neugrasp.evaluation.declutter import EpisodeConfig, declutter
+from neugrasp.evaluation.ground_truth import SimulatedGroundTruth
 from neugrasp.evaluation.protocols import protocol_of, strategy_of
-from neugrasp.evaluation.witness import SimulatedWitness
 from neugrasp.geometry.pose import rotation_about
 from neugrasp.grasp import Grasp, Grasps
 from neugrasp.robot.cell_file import CellFile
@@ -51,9 +51,11 @@ def test_the_arm_looks_picks_and_drops_until_the_table_is_empty(world: World, ce
     twin = TwinRobot(world, boxes_scene(*BODIES), cell, motion)
     truth = TruthCamera(world)
     camera = TouringCamera(twin.arm, tour_of(cell, motion, cameras_of(cell)), truth)
-    game = Game(protocol_of("paper"), strategy_of("top"), lambda i, j: np.random.default_rng([i, j]), UP)
+    game = EpisodeConfig(
+        protocol_of("paper"), strategy_of("top"), lambda i, j: np.random.default_rng([i, j]), UP
+    )
     robot = Robot(camera, twin.manipulator, twin.table)
-    episode = declutter(game, 0, robot, Knowing(world), SimulatedWitness(twin.table, truth, judges=False))
+    episode = declutter(game, 0, robot, Knowing(world), SimulatedGroundTruth(twin.table, truth, judges=False))
     assert episode.ending == "table empty"
     assert [(a.objects, a.reason) for a in episode.attempts] == [(3, SUCCESS), (2, SUCCESS), (1, SUCCESS)]
     np.testing.assert_allclose(twin.arm.state().joints, cell.out_of_sight, atol=1e-3)
@@ -69,7 +71,7 @@ def test_the_arm_is_not_seen(world: World, cell: CellFile, motion: Motion):
 
 
 def seen(world: World, *grasps: Grasp) -> Detection:
-    truth = TruthCamera(world).look()
+    truth = TruthCamera(world).capture()
     return Detection(Grasps.of(grasps), truth.workspace, world.gripper, truth.tsdf.values)
 
 

@@ -30,11 +30,11 @@ from neugrasp.errors import InputError, NeuGraspError
 from neugrasp.simulation import generate as generation
 from neugrasp.simulation.command import Generate
 from neugrasp.simulation.generate import generate
+from neugrasp.simulation.lathe import box
 from neugrasp.simulation.meshes import write_obj
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.renderer import RenderSettings
-from neugrasp.simulation.revolution import box
-from neugrasp.simulation.studio import Studio
+from neugrasp.simulation.scene_generator import SceneGenerator
 
 HERE = Path(__file__).parent
 UNRECORDED = (".lock", ".lock-workers", "timing.json")
@@ -44,14 +44,14 @@ UNRECORDED = (".lock", ".lock-workers", "timing.json")
 def _cache(tmp_path_factory: pytest.TempPathFactory) -> object:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("NEUGRASP_CACHE", str(tmp_path_factory.mktemp("cache")))
-        # Worker processes import the photographer by name.
+        # Worker processes import the scene renderer by name.
         patch.syspath_prepend(str(HERE))
         yield
 
 
 @pytest.fixture(scope="module")
 def photographers(_cache: object) -> ModuleType:
-    return importlib.import_module("noise_photographer")
+    return importlib.import_module("noise_renderer")
 
 
 def small(out: Path, **changes: object) -> Generate:
@@ -79,7 +79,7 @@ def digest(out: Path) -> dict[str, str]:
 def undisturbed(tmp_path_factory: pytest.TempPathFactory, photographers: ModuleType) -> Path:
     """A data set made by one worker in one go."""
     out = tmp_path_factory.mktemp("undisturbed")
-    generate(small(out), photographers.NoisePhotographer)
+    generate(small(out), photographers.NoiseRenderer)
     return out
 
 
@@ -155,14 +155,14 @@ def test_trials_are_added_once_and_change_nothing_else(undisturbed: Path, tmp_pa
 def test_two_workers_give_the_same_bytes(
     undisturbed: Path, tmp_path: Path, photographers: ModuleType
 ) -> None:
-    generate(small(tmp_path, workers=2), photographers.NoisePhotographer)
+    generate(small(tmp_path, workers=2), photographers.NoiseRenderer)
     assert digest(tmp_path) == digest(undisturbed)
 
 
 def test_the_order_of_scenes_makes_no_difference(
     undisturbed: Path, tmp_path: Path, photographers: ModuleType
 ) -> None:
-    studio = Studio(small(tmp_path), photographers.NoisePhotographer(1))
+    studio = SceneGenerator(small(tmp_path), photographers.NoiseRenderer(1))
     with studio.world:
         folders = [studio.make(index) for index in (2, 0)]
     expected = digest(undisturbed)
@@ -174,9 +174,9 @@ def test_the_order_of_scenes_makes_no_difference(
 def test_a_longer_run_begins_with_the_shorter_one(
     undisturbed: Path, tmp_path: Path, photographers: ModuleType
 ) -> None:
-    generate(small(tmp_path, num=1), photographers.NoisePhotographer)
+    generate(small(tmp_path, num=1), photographers.NoiseRenderer)
     before = {path: path.stat().st_mtime_ns for path in (tmp_path / "scenes").rglob("*")}
-    generate(small(tmp_path), photographers.NoisePhotographer)
+    generate(small(tmp_path), photographers.NoiseRenderer)
     assert digest(tmp_path) == digest(undisturbed)
     assert all(path.stat().st_mtime_ns == mtime for path, mtime in before.items())
 
@@ -193,18 +193,18 @@ def test_without_photos_the_same_scenes_and_labels_come(
         np.testing.assert_array_equal(one.labels.success, other.labels.success)
         np.testing.assert_array_equal(one.labels.quaternions, other.labels.quaternions)
     with pytest.raises(InputError, match="photos = False"):
-        generate(small(tmp_path), photographers.NoisePhotographer)
+        generate(small(tmp_path), photographers.NoiseRenderer)
 
 
 SCRIPT = """
     import sys
     from pathlib import Path
     sys.path.insert(0, {here!r})
-    from noise_photographer import SlowPhotographer
+    from noise_renderer import SlowRenderer
     from neugrasp.simulation.command import Generate
     from neugrasp.simulation.generate import generate
     if __name__ == "__main__":
-        generate({config!r}, SlowPhotographer)
+        generate({config!r}, SlowRenderer)
 """
 
 
@@ -226,16 +226,16 @@ def test_killed_at_any_moment_it_goes_on_to_the_same_bytes(
         process.wait()
         for folder in (out / "scenes").glob("[!.]*"):
             read_record(folder)
-    generate(small(out), photographers.NoisePhotographer)
+    generate(small(out), photographers.NoiseRenderer)
     assert digest(out) == digest(undisturbed)
 
 
 def test_another_configuration_is_refused(undisturbed: Path, photographers: ModuleType) -> None:
     before = digest(undisturbed)
     with pytest.raises(InputError, match=r"dataset.json.*seed = 4, not 5"):
-        generate(small(undisturbed, seed=5), photographers.NoisePhotographer)
+        generate(small(undisturbed, seed=5), photographers.NoiseRenderer)
     with pytest.raises(InputError, match="materials = 'mixed', not 'diffuse'"):
-        generate(small(undisturbed, materials="diffuse"), photographers.NoisePhotographer)
+        generate(small(undisturbed, materials="diffuse"), photographers.NoiseRenderer)
     assert digest(undisturbed) == before
 
 
@@ -340,7 +340,7 @@ def test_options_that_cannot_be_used(
     changes: dict[str, object], message: str, tmp_path: Path, photographers: ModuleType
 ) -> None:
     with pytest.raises(InputError, match=message):
-        generate(small(tmp_path / "out", **changes), photographers.NoisePhotographer)
+        generate(small(tmp_path / "out", **changes), photographers.NoiseRenderer)
     assert not (tmp_path / "out").exists()
 
 
@@ -351,7 +351,7 @@ def test_more_targets_leave_all_else_as_it_is(
         read_record(folder)
         for folder in (
             sorted((undisturbed / "scenes").iterdir())[0],
-            generate(small(tmp_path, num=1, targets=4), photographers.NoisePhotographer)[0],
+            generate(small(tmp_path, num=1, targets=4), photographers.NoiseRenderer)[0],
         )
     )
     assert (len(few.targets), len(more.targets)) == (2, 4)
@@ -367,7 +367,7 @@ def test_samples_reach_the_renderer(
 
     def renderer(threads: int, settings: RenderSettings) -> object:
         asked.append(settings.samples)
-        return photographers.NoisePhotographer(threads)
+        return photographers.NoiseRenderer(threads)
 
     monkeypatch.setattr(generation, "Renderer", renderer)
     generate(small(tmp_path / "many", num=1, samples=8))
@@ -379,7 +379,7 @@ def test_samples_reach_the_renderer(
 
 def test_two_runs_do_not_write_into_one_folder(tmp_path: Path, photographers: ModuleType) -> None:
     with generation._only_one(tmp_path), pytest.raises(InputError, match="another neugrasp generate"):
-        generate(small(tmp_path), photographers.NoisePhotographer)
+        generate(small(tmp_path), photographers.NoiseRenderer)
 
 
 def test_a_cache_that_cannot_be_written_is_named_at_once(
@@ -415,7 +415,7 @@ def test_an_arrangement_that_fails_is_drawn_anew_and_never_dropped(
         return replace(scene, bodies=()) if len(tried) < 3 else scene
 
     monkeypatch.setattr(module, "arrange", stubborn)
-    (folder,) = generate(small(tmp_path, num=1), photographers.NoisePhotographer)
+    (folder,) = generate(small(tmp_path, num=1), photographers.NoiseRenderer)
     assert len(set(tried)) == 3
     assert read_record(folder).seed == tried[-1]
 

@@ -12,6 +12,9 @@ from neugrasp.data.world import Body, Scene
 from neugrasp.execution import AT_PREGRASP, REASONS, SUCCESS
 from neugrasp.geometry.pose import from_quaternion
 from neugrasp.grasp import Grasp
+from neugrasp.simulation.batched_trials import execute_each
+from neugrasp.simulation.grasp_execution import execute
+from neugrasp.simulation.grasp_sampling import candidates, label, middle_of_widest_run
 from neugrasp.simulation.grasp_trials import (
     LARGEST_TILT,
     TrialSettings,
@@ -19,11 +22,8 @@ from neugrasp.simulation.grasp_trials import (
     run_trials,
     tried_poses,
 )
-from neugrasp.simulation.labels import candidates, label, middle_of_widest_run
 from neugrasp.simulation.mesh_distance import mesh_distance
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.series import execute_each
-from neugrasp.simulation.trials import execute
 
 TABLE = 0.05
 FEW = TrialSettings(points=12, removed=(0, 1, 2), yaws=3)

@@ -15,12 +15,12 @@ from neugrasp.geometry.fusion import fuse
 from neugrasp.geometry.pose import Array, apply, from_quaternion, inverse
 from neugrasp.geometry.view_sets import on_sphere
 from neugrasp.geometry.workspace import Workspace
+from neugrasp.simulation.gt_tsdf import scan
 from neugrasp.simulation.mesh_distance import mesh_distance, union_distance
 from neugrasp.simulation.objects import ObjectModel
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.placed_meshes import placed_triangles
 from neugrasp.simulation.solid import signed_distance, unsigned_distance
-from neugrasp.simulation.truth import scan
 
 Toy = Callable[..., Body]
 TABLE = 0.05

@@ -11,10 +11,10 @@ import pytest
 from neugrasp.data.world import Body
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import Workspace
+from neugrasp.simulation.lathe import box
 from neugrasp.simulation.meshes import Mesh, merged, read_mesh
 from neugrasp.simulation.objects import FolderSet, ObjectLibrary
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.revolution import box
 
 SIZE = np.array([0.04, 0.06, 0.10])
 AT = np.array([0.15, 0.15, 0.2])

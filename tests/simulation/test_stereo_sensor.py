@@ -24,10 +24,10 @@ from neugrasp.simulation.stereo_sensor import SCALE, at_pixels_of, half_sensor, 
 
 
 @pytest.fixture
-def photographer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> type:
+def scene_renderer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> type:
     monkeypatch.setenv("NEUGRASP_CACHE", str(tmp_path / "cache"))
     monkeypatch.syspath_prepend(Path(__file__).parent)
-    return importlib.import_module("noise_photographer").NoisePhotographer
+    return importlib.import_module("noise_renderer").NoiseRenderer
 
 
 def whole() -> Camera:
@@ -78,9 +78,9 @@ def small(out: Path, **changes: object) -> Generate:
     return replace(plain, **changes)  # type: ignore[arg-type]
 
 
-def test_generate_keeps_what_was_measured_beside_the_same_scene(photographer: type, tmp_path: Path):
-    (plain,) = generate(small(tmp_path / "plain"), photographer)
-    (stereo,) = generate(small(tmp_path / "stereo", stereo=True), photographer)
+def test_generate_keeps_what_was_measured_beside_the_same_scene(scene_renderer: type, tmp_path: Path):
+    (plain,) = generate(small(tmp_path / "plain"), scene_renderer)
+    (stereo,) = generate(small(tmp_path / "stereo", stereo=True), scene_renderer)
     first, second = read_record(plain), read_record(stereo)
     assert first.stereo is None
     assert second.stereo is not None

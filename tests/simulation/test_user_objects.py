@@ -17,12 +17,12 @@ from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import look_at
 from neugrasp.geometry.workspace import Workspace
+from neugrasp.simulation.lathe import box
 from neugrasp.simulation.mesh_checks import SIZES
 from neugrasp.simulation.meshes import Mesh, merged, read_mesh, read_obj, write_obj
 from neugrasp.simulation.object_urdf import FRICTIONS, MASSES
 from neugrasp.simulation.objects import FolderSet, ObjectLibrary
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.revolution import box
 
 ORIGIN = '<origin xyz="{}" rpy="{}"/>'
 SLANTED = ("0.3 -0.7 1.1", "0.2 0.4 -0.5")

@@ -12,8 +12,8 @@ from neugrasp.data.scene_sets import read_records
 from neugrasp.data.shards import Shards
 from neugrasp.data.trials import State
 from neugrasp.execution import SLIPPED
+from neugrasp.simulation.grasp_execution import Trial
 from neugrasp.simulation.grasp_trials import as_trials
-from neugrasp.simulation.trials import Trial
 
 
 def test_records_are_read_without_their_trials_which_no_loss_reads(make_record, tmp_path):

@@ -8,7 +8,7 @@ import torch
 from scipy.spatial.transform import Rotation
 from torch.testing import assert_close
 
-from neugrasp.change import OBJECT, TABLE, UNSURE
+from neugrasp.change_mask import OBJECT, TABLE, UNSURE
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.grasp_head import GraspVolume
 from neugrasp.model.rendering import Rays
@@ -20,7 +20,7 @@ from neugrasp.training.losses import (
     table_loss,
     tsdf_loss,
 )
-from neugrasp.training.module import imperfect
+from neugrasp.training.module import perturb_tsdf
 from neugrasp.training.samples import LabelTensors
 
 
@@ -113,7 +113,7 @@ def test_imperfect_grids_stay_in_range_and_near_the_truth():
     workspace = Workspace()
     heights = torch.from_numpy(workspace.voxel_centres()[..., 2]).float()
     truth = ((heights - workspace.table_height) / workspace.truncation).clamp(-1, 1)
-    worse = imperfect(truth, torch.Generator().manual_seed(0))
+    worse = perturb_tsdf(truth, torch.Generator().manual_seed(0))
     assert worse.abs().max() <= 1
     assert 0 < (worse - truth).abs().mean() < 0.3
 

@@ -20,7 +20,7 @@ from neugrasp.model.config import NetworkConfig
 from neugrasp.training.command import Train
 from neugrasp.training.config import LossWeights, TrainConfig
 from neugrasp.training.networks import network_spec
-from neugrasp.training.recipes import recipe, tiny
+from neugrasp.training.recipes import RENAMED, recipe, tiny
 from neugrasp.training.state import Identity
 from neugrasp.training.trainer import train
 from toy_network import NAME
@@ -35,10 +35,10 @@ def data(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def photographer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> type:
+def scene_renderer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> type:
     monkeypatch.setenv("NEUGRASP_CACHE", str(tmp_path / "cache"))
     monkeypatch.syspath_prepend(Path(__file__).parent.parent / "simulation")
-    return importlib.import_module("noise_photographer").NoisePhotographer
+    return importlib.import_module("noise_renderer").NoiseRenderer
 
 
 def toy(**changes: object) -> TrainConfig:
@@ -53,7 +53,7 @@ def toy(**changes: object) -> TrainConfig:
     )
 
 
-def test_a_toy_network_learns_goes_on_and_plays(data: Path, tmp_path: Path, photographer: type):
+def test_a_toy_network_learns_goes_on_and_plays(data: Path, tmp_path: Path, scene_renderer: type):
     run = Train(recipe="toy", data=(data,), validation=(data,), out=tmp_path / "toy", loaders=0)
     train(run, config=toy(steps=1))
     weights = train(replace(run, resume=True), config=toy(steps=2))
@@ -65,7 +65,7 @@ def test_a_toy_network_learns_goes_on_and_plays(data: Path, tmp_path: Path, phot
     game = Evaluate(
         out=tmp_path / "rounds", detector="toy_network:DETECTOR", weights=str(weights), rounds=1, seed=31
     )
-    assert evaluate(game, photographer)["attempts"] >= 1
+    assert evaluate(game, scene_renderer)["attempts"] >= 1
 
 
 def test_recipes_of_others():
@@ -100,3 +100,9 @@ def test_names_that_are_no_networks(name: str, words: str):
 def test_a_detector_and_a_network_are_fewer_than_forty_lines_each():
     for name in ("toy_detector.py", "toy_network.py"):
         assert len((Path(__file__).parent.parent / name).read_text().splitlines()) < 40
+
+
+def test_an_old_name_of_a_recipe_is_read_and_said_to_be_old(caplog: pytest.LogCaptureFixture):
+    for old, new in RENAMED.items():
+        assert recipe(old) == recipe(new)
+        assert f"recipe {old} is called {new} now" in caplog.text

@@ -16,7 +16,7 @@ from neugrasp.training.command import Train
 from neugrasp.training.prepared import PreparedView, crop_views
 from neugrasp.training.recipes import RECIPES, tiny
 from neugrasp.training.samples import sample_of
-from neugrasp.training.state import Learner
+from neugrasp.training.state import TrainState
 from neugrasp.training.trainer import train
 
 
@@ -34,7 +34,7 @@ def test_what_is_shipped_is_the_moving_average(tmp_path: Path, make_record, monk
 
 def test_a_gradient_is_clipped_before_the_optimiser_sees_it():
     model = NeuGrasp(tiny().model)
-    learner = Learner.of(model, tiny())
+    learner = TrainState.of(model, tiny())
     for parameter in model.parameters():
         parameter.grad = torch.full_like(parameter, 7.0)
     learner.update(gradient_clip=0.5)

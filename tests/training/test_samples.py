@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from scipy import ndimage
 
-from neugrasp.change import OBJECT, TABLE, change_labels
+from neugrasp.change_mask import OBJECT, TABLE, change_labels
 from neugrasp.data.records import Record
 from neugrasp.training.prepared import PreparedView, crop_views
 from neugrasp.training.samples import Sample, drop_views, sample_of

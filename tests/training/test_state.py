@@ -15,17 +15,17 @@ from torch import nn
 from damage import damaged_bytes, damaged_json, fuzz, many, split, with_metadata
 from neugrasp.errors import InputError
 from neugrasp.training.recipes import tiny
-from neugrasp.training.state import STATE, Identity, Learner, read_state, save_state
+from neugrasp.training.state import STATE, Identity, TrainState, read_state, save_state
 
 IDENTITY = Identity(tiny(), "0123")
 
 
-def learner() -> Learner[nn.Linear]:
+def learner() -> TrainState[nn.Linear]:
     torch.manual_seed(0)
-    return Learner.of(nn.Linear(3, 2), tiny())
+    return TrainState.of(nn.Linear(3, 2), tiny())
 
 
-def stepped(learner: Learner[nn.Linear]) -> Learner[nn.Linear]:
+def stepped(learner: TrainState[nn.Linear]) -> TrainState[nn.Linear]:
     learner.model(torch.ones(3)).sum().backward()
     learner.update(1.0)
     return learner
@@ -37,7 +37,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def restored(folder: Path) -> Learner[nn.Linear] | None:
+def restored(folder: Path) -> TrainState[nn.Linear] | None:
     state, again = read_state(folder), learner()
     if state is None:
         return None

@@ -14,8 +14,8 @@ from safetensors.torch import load_file
 from neugrasp.data import records
 from neugrasp.data.records import write_record
 from neugrasp.errors import InputError
-from neugrasp.long_runs import held
 from neugrasp.model.checkpoint import load_checkpoint
+from neugrasp.run_folder import lock_folder
 from neugrasp.training.command import Train
 from neugrasp.training.recipes import RECIPES, configured, recipe
 from neugrasp.training.trainer import train
@@ -121,7 +121,7 @@ def test_two_trainings_never_share_a_folder(data, tmp_path):
     half_written = run.out / ".state.safetensors.1"
     half_written.touch()
     before = {path.name: path.read_bytes() for path in run.out.iterdir() if path.is_file()}
-    with held(run.out, "train"):
+    with lock_folder(run.out, "train"):
         for resume in (True, False):
             with pytest.raises(InputError, match="another neugrasp train is writing here; wait for it"):
                 train(replace(run, resume=resume, steps=3))

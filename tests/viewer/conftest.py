@@ -1,4 +1,4 @@
-"""A ball on a checkered table: its capture, its prediction in a world of its own, and its contents."""
+"""A ball on a checkered table: its capture, its prediction in a world of its own, and its data."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from neugrasp.grasp import Grasp, Grasps
 from neugrasp.gripper import Gripper
 from neugrasp.observation import Views
 from neugrasp.viewer.command import Viewer
-from neugrasp.viewer.contents import Contents
-from neugrasp.viewer.opening import open_contents
+from neugrasp.viewer.loaders import open_scene_data
+from neugrasp.viewer.scene_data import SceneData
 
 BALL = np.array([0.15, 0.15, 0.08])
 RADIUS = 0.03
@@ -81,5 +81,5 @@ def capture(tmp_path: Path, kept_capture: Capture) -> Capture:
 
 
 @pytest.fixture(scope="session")
-def contents(kept_capture: Capture) -> Contents:
-    return open_contents(Viewer(kept_capture.prediction))
+def data(kept_capture: Capture) -> SceneData:
+    return open_scene_data(Viewer(kept_capture.prediction))

@@ -14,11 +14,11 @@ from PIL import Image as Picture
 from browsers import no_browser
 from neugrasp import cli
 from neugrasp.geometry.pose import apply, inverse
+from neugrasp.viewer.app import PAGE_ASPECT, ViewerApp
 from neugrasp.viewer.browser import Browser
-from neugrasp.viewer.contents import Contents
 from neugrasp.viewer.drawing import grasps_of
+from neugrasp.viewer.scene_data import SceneData
 from neugrasp.viewer.settings import Settings
-from neugrasp.viewer.show import PAGE_ASPECT, Show
 from neugrasp.viewer.viewpoint import viewpoint
 
 from .conftest import BALL, WORLD_FROM_WORKSPACE, Capture
@@ -40,17 +40,17 @@ pytestmark = [
 
 
 @pytest.fixture(scope="module")
-def shown(contents: Contents) -> Iterator[tuple[Show, Browser]]:
-    settings = Settings().suited_to(contents)
-    with Show(contents, settings, port=8290) as show, Browser(show.stage.url, size=WINDOW) as browser:
-        show.stage.wait_for_visitor()
+def shown(data: SceneData) -> Iterator[tuple[ViewerApp, Browser]]:
+    settings = Settings().suited_to(data)
+    with ViewerApp(data, settings, port=8290) as show, Browser(show.scene.url, size=WINDOW) as browser:
+        show.scene.wait_for_visitor()
         browser.settle()
         yield show, browser
 
 
 @pytest.fixture
-def show(shown: tuple[Show, Browser], contents: Contents) -> Show:
-    shown[0].update(Settings().suited_to(contents))
+def show(shown: tuple[ViewerApp, Browser], data: SceneData) -> ViewerApp:
+    shown[0].update(Settings().suited_to(data))
     return shown[0]
 
 
@@ -73,16 +73,16 @@ def until(condition: Callable[[], bool]) -> bool:
     return condition()
 
 
-def test_surface_grasps_and_cameras_are_in_the_picture_and_go_when_they_are_hidden(show: Show):
-    assert {"table", "cube", "surface", "grasps/000", "grasps/001", "grasps/002"} < set(show.stage.names)
-    assert {f"cameras/{i}/photo" for i in range(4)} < set(show.stage.names)
+def test_surface_grasps_and_cameras_are_in_the_picture_and_go_when_they_are_hidden(show: ViewerApp):
+    assert {"table", "cube", "surface", "grasps/000", "grasps/001", "grasps/002"} < set(show.scene.names)
+    assert {f"cameras/{i}/photo" for i in range(4)} < set(show.scene.names)
     everything = show.picture(*PICTURE)
     assert everything.shape == (PICTURE[1], PICTURE[0], 3)
     assert (everything[:3, :3] == 255).all()
     assert green(everything) > 200
 
     show.update(replace(show.settings, threshold=0.99))
-    assert not any(name.startswith("grasps") for name in show.stage.names)
+    assert not any(name.startswith("grasps") for name in show.scene.names)
     no_grasps = show.picture(*PICTURE)
     assert green(no_grasps) < 20
     assert red(no_grasps) > 100
@@ -94,59 +94,59 @@ def test_surface_grasps_and_cameras_are_in_the_picture_and_go_when_they_are_hidd
     assert np.abs(bare.astype(int) - no_grasps).max() > 100
 
 
-def test_a_photo_is_drawn_at_its_camera(show: Show, contents: Contents):
+def test_a_photo_is_drawn_at_its_camera(show: ViewerApp, data: SceneData):
     show.update(replace(show.settings, shows_surface=False, most=0))
     with_photos = show.picture(*PICTURE).astype(int)
     show.update(replace(show.settings, shows_cameras=False))
     changed = np.abs(with_photos - show.picture(*PICTURE)).max(axis=-1) > 40
-    for view in contents.views:
-        column, row = pixel_of(contents, view.camera.centre, PICTURE, 1.6)
+    for view in data.views:
+        column, row = pixel_of(data, view.camera.centre, PICTURE, 1.6)
         around = changed[max(0, row - 6) : row + 7, max(0, column - 6) : column + 7]
         assert around.any()
     assert not changed[int(0.75 * PICTURE[1]) :].any()
 
 
-def test_a_click_on_a_gripper_selects_it(shown: tuple[Show, Browser], show: Show, contents: Contents):
+def test_a_click_on_a_gripper_selects_it(shown: tuple[ViewerApp, Browser], show: ViewerApp, data: SceneData):
     show.update(replace(show.settings, most=1, hand="whole hand"))
     show.picture(*PICTURE)
-    node = grasps_of(contents, show.settings)[0]
+    node = grasps_of(data, show.settings)[0]
     spot = node.surface.vertices.mean(axis=0)
     assert shown[1].screenshot().shape == (WINDOW[1], WINDOW[0], 3)
-    shown[1].click(*pixel_of(contents, spot, WINDOW, PAGE_ASPECT))
-    assert until(lambda: show.settings.selected is contents.moments[0].grasps[0])
-    assert until(lambda: "selected" in show.stage.names)
+    shown[1].click(*pixel_of(data, spot, WINDOW, PAGE_ASPECT))
+    assert until(lambda: show.settings.selected is data.moments[0].grasps[0])
+    assert until(lambda: "selected" in show.scene.names)
     assert until(lambda: "0.950" in show.panel.words)
     assert "60 mm" in show.panel.words
 
 
 def test_shift_and_a_click_choose_an_object_and_its_region(
-    shown: tuple[Show, Browser], show: Show, contents: Contents
+    shown: tuple[ViewerApp, Browser], show: ViewerApp, data: SceneData
 ):
     """The ball is the only thing; beside it there is none, and all is as before."""
     show.update(replace(show.settings, most=0))
     show.picture(*PICTURE)
-    shown[1].click(*pixel_of(contents, BALL, WINDOW, PAGE_ASPECT), shift=True)
+    shown[1].click(*pixel_of(data, BALL, WINDOW, PAGE_ASPECT), shift=True)
     assert until(lambda: show.settings.region is not None)
-    assert until(lambda: "region" in show.stage.names)
+    assert until(lambda: "region" in show.scene.names)
     region = show.settings.region
     place = apply(WORLD_FROM_WORKSPACE, BALL)
     assert all(low < x < high for low, x, high in zip(region[:3], place, region[3:], strict=True))
     words = "--region " + " ".join(f"{edge:g}" for edge in region)
     assert until(lambda: words in show.panel.words)
-    shown[1].click(*pixel_of(contents, (0.03, 0.03, 0.05), WINDOW, PAGE_ASPECT), shift=True)
+    shown[1].click(*pixel_of(data, (0.03, 0.03, 0.05), WINDOW, PAGE_ASPECT), shift=True)
     assert until(lambda: show.settings.region is None)
 
 
-def test_the_sliders_move_the_scene(show: Show):
+def test_the_sliders_move_the_scene(show: ViewerApp):
     show.panel.set("threshold", 0.7)
-    assert until(lambda: "grasps/002" not in show.stage.names)
-    assert "grasps/001" in show.stage.names
+    assert until(lambda: "grasps/002" not in show.scene.names)
+    assert "grasps/001" in show.scene.names
     assert "2 of 3 grasps drawn" in show.panel.words
     show.panel.set("slice_axis", "z")
-    assert until(lambda: "slice" in show.stage.names)
+    assert until(lambda: "slice" in show.scene.names)
     show.panel.set("threshold", 0.6)
     show.panel.set("slice_axis", "none")
-    assert until(lambda: "slice" not in show.stage.names and "grasps/002" in show.stage.names)
+    assert until(lambda: "slice" not in show.scene.names and "grasps/002" in show.scene.names)
 
 
 def test_the_command_writes_a_picture(kept_capture: Capture, tmp_path: Path):
@@ -159,9 +159,9 @@ def test_the_command_writes_a_picture(kept_capture: Capture, tmp_path: Path):
     assert green(pixels) > 200
 
 
-def pixel_of(contents: Contents, spot: np.ndarray, size: tuple[int, int], aspect: float) -> tuple[int, int]:
+def pixel_of(data: SceneData, spot: np.ndarray, size: tuple[int, int], aspect: float) -> tuple[int, int]:
     """Column and row at which the first look shows a place of the workspace."""
-    eye = viewpoint(contents, aspect)
+    eye = viewpoint(data, aspect)
     x, y, z = apply(inverse(eye.pose()), spot)
     focal = size[1] / 2 / np.tan(eye.field_of_view / 2)
     return round(size[0] / 2 + focal * x / z), round(size[1] / 2 + focal * y / z)

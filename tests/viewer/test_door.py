@@ -13,10 +13,10 @@ import pytest
 
 from neugrasp import cli
 from neugrasp.errors import InputError
-from neugrasp.viewer.contents import Contents
+from neugrasp.viewer.app import ViewerApp
 from neugrasp.viewer.door import FIRST, TRIED, free_port, is_welcome
+from neugrasp.viewer.scene_data import SceneData
 from neugrasp.viewer.settings import Settings
-from neugrasp.viewer.show import Show
 
 from .conftest import Capture
 
@@ -101,23 +101,23 @@ def test_only_pages_of_the_viewer_itself_are_welcome(origin: str | None, asked: 
 
 @needs_viser
 @pytest.mark.filterwarnings("ignore::DeprecationWarning:websockets.*")
-def test_the_server_talks_to_its_own_page_alone(contents: Contents):
+def test_the_server_talks_to_its_own_page_alone(data: SceneData):
     """With the subprotocol of viser's own page; whoever is let in is sent the scene."""
     import viser
     from websockets.exceptions import InvalidStatus
     from websockets.sync.client import connect
     from websockets.typing import Subprotocol
 
-    with Show(contents, Settings().suited_to(contents), port=0) as show:
-        address = show.stage.url.replace("http", "ws")
+    with ViewerApp(data, Settings().suited_to(data), port=0) as show:
+        address = show.scene.url.replace("http", "ws")
         speaks = {"subprotocols": [Subprotocol(f"viser-v{viser.__version__}")], "max_size": None}
-        for origin in ("http://evil.example", "null", f"{show.stage.url}0"):
+        for origin in ("http://evil.example", "null", f"{show.scene.url}0"):
             with pytest.raises(InvalidStatus) as refused:
                 connect(address, origin=origin, **speaks)
             assert refused.value.response.status_code == 403
-        with connect(address, origin=show.stage.url, **speaks) as page:
+        with connect(address, origin=show.scene.url, **speaks) as page:
             assert len(page.recv(60)) > 100
-        with urllib.request.urlopen(show.stage.url, timeout=60) as page:
+        with urllib.request.urlopen(show.scene.url, timeout=60) as page:
             assert page.status == 200
 
 

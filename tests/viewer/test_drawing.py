@@ -15,12 +15,14 @@ from neugrasp.geometry.surface import Surface
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
 from neugrasp.viewer.cameras import base
-from neugrasp.viewer.contents import Candidate, Contents
 from neugrasp.viewer.drawing import colour_of, describe, grasps_of, nodes_of
 from neugrasp.viewer.glb import glb, linear
 from neugrasp.viewer.hand_meshes import TURNED, hand_mesh
-from neugrasp.viewer.nodes import Node, PictureNode
-from neugrasp.viewer.painting import (
+from neugrasp.viewer.primitives import Node, PictureNode
+from neugrasp.viewer.scene_data import GraspMarker, SceneData
+from neugrasp.viewer.settings import HANDS, Settings
+from neugrasp.viewer.table_texture import PIXELS, edge
+from neugrasp.viewer.vertex_colours import (
     UNSEEN,
     Field,
     by_confidence,
@@ -31,8 +33,6 @@ from neugrasp.viewer.painting import (
     things_on_table,
     visibility,
 )
-from neugrasp.viewer.settings import HANDS, Settings
-from neugrasp.viewer.tabletop import PIXELS, edge
 from neugrasp.viewer.viewpoint import landmarks, viewpoint
 
 from .conftest import BALL, RADIUS, SCORES, ball_grasps
@@ -63,33 +63,33 @@ def test_the_drawn_surface_is_the_ball_within_a_quarter_of_a_voxel(ball_tsdf: np
     assert np.ptp(things.vertices[:, 0]) < 0.08
 
 
-def test_cameras_see_the_top_of_the_ball_and_not_its_underside(contents: Contents, field: Field):
+def test_cameras_see_the_top_of_the_ball_and_not_its_underside(data: SceneData, field: Field):
     offsets = np.array([(0, 0, RADIUS), (0, 0, -0.7 * RADIUS)])
     offsets[1, 0] = np.sqrt(RADIUS**2 - offsets[1, 2] ** 2)
     spots = Surface(BALL + offsets, np.zeros((0, 3), dtype=np.int32))
-    seen = visibility(spots, field, contents.views)
+    seen = visibility(spots, field, data.views)
     assert seen.shape == (4, 2)
     assert (seen[:, 0] > 0).all()
     assert (seen[:, 1] == 0).all()
-    assert np.array_equal(by_views(spots, field, contents.views), ramp([1.0, 0.0]))
+    assert np.array_equal(by_views(spots, field, data.views), ramp([1.0, 0.0]))
 
 
-def test_the_shadowed_table_beside_the_ball_is_hidden_from_one_side(contents: Contents, field: Field):
-    camera = contents.views[0].camera
+def test_the_shadowed_table_beside_the_ball_is_hidden_from_one_side(data: SceneData, field: Field):
+    camera = data.views[0].camera
     away = (BALL - camera.centre) * (1, 1, 0)
     behind = BALL + 0.035 * away / np.linalg.norm(away)
     before = BALL - 0.07 * away / np.linalg.norm(away)
     spots = np.array([behind, before]) * (1, 1, 0) + (0, 0, 0.05)
-    seen = visibility(Surface(spots, np.zeros((0, 3), dtype=np.int32)), field, contents.views)[0]
+    seen = visibility(Surface(spots, np.zeros((0, 3), dtype=np.int32)), field, data.views)[0]
     assert seen[0] == 0
     assert seen[1] > 0
 
 
-def test_photos_paint_the_ball_red(contents: Contents, field: Field, ball_tsdf: np.ndarray):
+def test_photos_paint_the_ball_red(data: SceneData, field: Field, ball_tsdf: np.ndarray):
     things = things_on_table(ball_tsdf, Workspace())
-    seen = visibility(things, field, contents.views).max(axis=0)
+    seen = visibility(things, field, data.views).max(axis=0)
     top = things.vertices[:, 2] > BALL[2] + 0.3 * RADIUS
-    colours = by_photos(things, field, contents.views).astype(float)
+    colours = by_photos(things, field, data.views).astype(float)
     red, green, blue = colours[top & (seen > 0.05)].T
     assert len(red) > 100
     assert (red > 2.5 * green).all()
@@ -121,12 +121,12 @@ def test_pads_are_as_far_apart_as_the_grasp_is_wide(name: str, opening: float):
     assert volume(hand_mesh(gripper, opening)) > volume(fingers)
 
 
-def test_threshold_and_number_choose_the_best_grasps(contents: Contents):
-    settings = Settings().suited_to(contents)
+def test_threshold_and_number_choose_the_best_grasps(data: SceneData):
+    settings = Settings().suited_to(data)
 
     def drawn(**changes: object) -> list[float]:
-        nodes = grasps_of(contents, replace(settings, **changes))  # type: ignore[arg-type]
-        return [node.candidate.grasp.score for node in nodes if node.candidate]
+        nodes = grasps_of(data, replace(settings, **changes))  # type: ignore[arg-type]
+        return [node.marker.grasp.score for node in nodes if node.marker]
 
     assert drawn() == pytest.approx(SCORES)
     assert drawn(threshold=0.7) == pytest.approx(SCORES[:2])
@@ -137,55 +137,55 @@ def test_threshold_and_number_choose_the_best_grasps(contents: Contents):
         assert len(drawn(hand=hand)) == 3
 
 
-def test_a_hand_is_drawn_where_its_grasp_is(contents: Contents):
-    node = grasps_of(contents, replace(Settings().suited_to(contents), hand="whole hand"))[1]
-    expected = hand_mesh(contents.gripper, 2 * RADIUS).moved(ball_grasps()[1].pose)
+def test_a_hand_is_drawn_where_its_grasp_is(data: SceneData):
+    node = grasps_of(data, replace(Settings().suited_to(data), hand="whole hand"))[1]
+    expected = hand_mesh(data.gripper, 2 * RADIUS).moved(ball_grasps()[1].pose)
     assert np.allclose(node.surface.vertices, expected.vertices, atol=1e-6)
 
 
 def test_colours_go_from_red_to_green_with_the_score_and_tell_success():
     grasp = ball_grasps()[0]
-    worst, middle, best = (colour_of(Candidate(replace(grasp, score=s))) for s in (0.5, 0.75, 1.0))
+    worst, middle, best = (colour_of(GraspMarker(replace(grasp, score=s))) for s in (0.5, 0.75, 1.0))
     assert worst[0] > 2 * worst[1]
     assert min(middle[:2]) > 2 * middle[2]
     assert best[1] > 2 * best[0]
-    assert colour_of(Candidate(grasp, True)) == best
-    assert colour_of(Candidate(grasp, False)) == worst
+    assert colour_of(GraspMarker(grasp, True)) == best
+    assert colour_of(GraspMarker(grasp, False)) == worst
 
 
-def test_a_click_says_score_width_and_place_in_the_users_world(contents: Contents):
-    words = describe(contents, contents.moments[0].grasps[0])
-    place = " ".join(f"{x:+.3f}" for x in contents.workspace.to_world(BALL))
+def test_a_click_says_score_width_and_place_in_the_users_world(data: SceneData):
+    words = describe(data, data.moments[0].grasps[0])
+    place = " ".join(f"{x:+.3f}" for x in data.workspace.to_world(BALL))
     assert "0.950" in words
     assert "60 mm" in words
     assert place in words
 
 
-def test_what_did_not_change_is_not_sent_again(contents: Contents):
-    settings = Settings().suited_to(contents)
-    before = {node.name: node for node in nodes_of(contents, settings)}
-    assert len(before) == len(nodes_of(contents, settings))
-    chosen = replace(settings, threshold=0.7, selected=contents.moments[0].grasps[0])
-    after = {node.name: node for node in nodes_of(contents, chosen)}
+def test_what_did_not_change_is_not_sent_again(data: SceneData):
+    settings = Settings().suited_to(data)
+    before = {node.name: node for node in nodes_of(data, settings)}
+    assert len(before) == len(nodes_of(data, settings))
+    chosen = replace(settings, threshold=0.7, selected=data.moments[0].grasps[0])
+    after = {node.name: node for node in nodes_of(data, chosen)}
     changed = {name for name in before if after.get(name) is not before[name]}
     assert changed == {"grasps/000", "grasps/002", "numbers/3"}
     assert set(after) - set(before) == {"selected"}
 
 
-def test_everything_can_be_hidden(contents: Contents):
-    settings = Settings().suited_to(contents)
+def test_everything_can_be_hidden(data: SceneData):
+    settings = Settings().suited_to(data)
     hidden = {name: False for name in vars(settings) if name.startswith("shows_")}
-    assert nodes_of(contents, replace(settings, most=0, **hidden)) == ()  # type: ignore[arg-type]
+    assert nodes_of(data, replace(settings, most=0, **hidden)) == ()  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
-def test_a_slice_lies_where_its_voxels_are(contents: Contents, axis: int):
-    workspace = contents.workspace
+def test_a_slice_lies_where_its_voxels_are(data: SceneData, axis: int):
+    workspace = data.workspace
     spots = {"ball": BALL, "air": BALL + 0.06, "table": np.array([0.25, 0.05, 0.02])}
     for name, spot in spots.items():
         index = int(workspace.index_of(spot)[axis])
-        settings = replace(Settings().suited_to(contents), slice_axis="xyz"[axis], slice_index=index)
-        node = named(nodes_of(contents, settings), "slice")
+        settings = replace(Settings().suited_to(data), slice_axis="xyz"[axis], slice_index=index)
+        node = named(nodes_of(data, settings), "slice")
         assert isinstance(node, PictureNode)
         assert np.allclose(np.linalg.det(node.pose[:3, :3]), 1)
         x, y, z = apply(inverse(node.pose), spot)
@@ -196,10 +196,10 @@ def test_a_slice_lies_where_its_voxels_are(contents: Contents, axis: int):
         assert (red > blue) == (name != "air")
 
 
-def test_a_photo_lies_on_the_lines_of_sight_of_its_pixels(contents: Contents):
-    nodes = nodes_of(contents, Settings().suited_to(contents))
+def test_a_photo_lies_on_the_lines_of_sight_of_its_pixels(data: SceneData):
+    nodes = nodes_of(data, Settings().suited_to(data))
     padded = 0
-    for i, view in enumerate(contents.views):
+    for i, view in enumerate(data.views):
         node = named(nodes, f"cameras/{i}/photo")
         assert isinstance(node, PictureNode)
         height, width = node.pixels.shape[:2]
@@ -219,14 +219,14 @@ def test_a_photo_lies_on_the_lines_of_sight_of_its_pixels(contents: Contents):
     assert padded > 0
 
 
-def test_the_tabletop_shows_the_squares_of_the_table_where_they_are(contents: Contents):
-    node = named(nodes_of(contents, Settings().suited_to(contents)), "table")
+def test_the_tabletop_shows_the_squares_of_the_table_where_they_are(data: SceneData):
+    node = named(nodes_of(data, Settings().suited_to(data)), "table")
     assert isinstance(node, PictureNode)
     correct = 0
     spots = [(0.045 + 0.03 * i, 0.045 + 0.03 * j) for i in range(7) for j in range(7)]
     for x, y in spots:
-        place = apply(inverse(node.pose), (x, y, contents.workspace.table_height))
-        column, row = (int((value / edge(contents.workspace) + 0.5) * PIXELS) for value in place[:2])
+        place = apply(inverse(node.pose), (x, y, data.workspace.table_height))
+        column, row = (int((value / edge(data.workspace) + 0.5) * PIXELS) for value in place[:2])
         is_light = (int(x / 0.03) + int(y / 0.03)) % 2 == 1
         red, _, blue = node.pixels[row, column, :3].astype(int)
         correct += (red > blue) == is_light
@@ -234,9 +234,9 @@ def test_the_tabletop_shows_the_squares_of_the_table_where_they_are(contents: Co
     assert node.pixels[PIXELS // 2, PIXELS // 2, 3] == 255
 
 
-def test_the_first_look_holds_everything(contents: Contents):
-    eye = viewpoint(contents)
-    seen = apply(inverse(eye.pose()), landmarks(contents))
+def test_the_first_look_holds_everything(data: SceneData):
+    eye = viewpoint(data)
+    seen = apply(inverse(eye.pose()), landmarks(data))
     slopes = np.abs(seen[:, :2] / seen[:, 2:]) / np.tan(eye.field_of_view / 2)
     assert (seen[:, 2] > 0).all()
     assert (slopes <= (1.6, 1.0)).all()
@@ -267,6 +267,6 @@ def test_a_glb_file_holds_the_mesh_again():
     assert linear(np.array([188], np.uint8))[0] == pytest.approx(0.5, abs=0.01)
 
 
-def test_the_ball_of_these_tests_is_red_in_its_photos(contents: Contents):
-    image, _ = photo(contents.views[0].camera, (BALL, RADIUS))
-    assert np.array_equal(image, contents.views[0].image)
+def test_the_ball_of_these_tests_is_red_in_its_photos(data: SceneData):
+    image, _ = photo(data.views[0].camera, (BALL, RADIUS))
+    assert np.array_equal(image, data.views[0].image)

@@ -79,7 +79,7 @@ def _judged(network: Vgn, truths: Sequence[Truth]) -> dict[str, float]:
 
 def vgn() -> TrainConfig:
     """As long as our own heads learn on true grids; scenes without photos will do."""
-    return replace(recipes.head(), network=NAME, model=VgnConfig())
+    return replace(recipes.head_only(), network=NAME, model=VgnConfig())
 
 
 NETWORK = NetworkSpec(Vgn, vgn_losses, judge_vgn, compares=False)

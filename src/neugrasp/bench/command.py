@@ -10,7 +10,7 @@ from typing import ClassVar, Literal
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedTest:
-    """Speed of every stage on this machine: of detecting and of training, beside the floor."""
+    """Speed of every stage on this machine: of detecting and of training, beside its roofline."""
 
     doing: ClassVar[str] = "measuring, some minutes"
 

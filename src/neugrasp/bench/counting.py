@@ -17,7 +17,7 @@ from torch.utils.flop_counter import flop_registry
 class FlopCounter(TorchDispatchMode):
     """Operations of matrix products and convolutions by the type of their numbers; a multiply-add is two.
 
-    PyTorch's own `FlopCounterMode` counts the same, but not by type, and bfloat16 has another floor.
+    PyTorch's own `FlopCounterMode` counts the same, but not by type, and bfloat16 has another roofline.
     """
 
     def __init__(self) -> None:

@@ -13,16 +13,16 @@ import torch
 
 from neugrasp.bench.command import SpeedTest
 from neugrasp.bench.machine import Machine, this_machine
-from neugrasp.bench.subjects import bundled_folder, bundled_views
+from neugrasp.bench.workloads import bundled_folder, bundled_views
 from neugrasp.data.truth_file import truth_from_bytes
 from neugrasp.detection.contract import Detection
 from neugrasp.detection.options import DetectorOptions
 from neugrasp.detection.registry import TRUTH, detector_spec, registered
 from neugrasp.errors import NeuGraspError
-from neugrasp.evaluation.contestants import GivenWeights, contestant
-from neugrasp.long_runs import source_commit
+from neugrasp.evaluation.compared_methods import GivenWeights, compared_method
 from neugrasp.observation import CHANNELS, Frame, Observation
 from neugrasp.progress import counted
+from neugrasp.run_folder import source_commit
 
 log = logging.getLogger(__name__)
 
@@ -64,7 +64,7 @@ def time_detectors(settings: SpeedTest) -> tuple[Machine, list[Timing]]:
 def _timed(name: str, settings: SpeedTest, given: GivenWeights, seen: Observation) -> Timing:
     spec = detector_spec(name)
     sees = tuple(channel for channel in CHANNELS if channel in spec.observes)
-    nothing = Timing(name, sees, (), {}, 0, contestant(name).paper_s)
+    nothing = Timing(name, sees, (), {}, 0, compared_method(name).paper_s)
     options = DetectorOptions(
         weights=given.of(name), restorer=settings.restorer, device=settings.device, seed=settings.seed
     )

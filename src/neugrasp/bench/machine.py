@@ -1,4 +1,4 @@
-"""What this machine is and how fast it multiplies and copies: the floors of everything else."""
+"""What this machine is and how fast it multiplies and copies: the rooflines of everything else."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Rates:
     copy: float
     """Bytes per second, read plus written."""
 
-    def floor(self, cost: Cost) -> float:
+    def roofline(self, cost: Cost) -> float:
         """Least seconds of a stage: its products at full rate, or its bytes where they take longer."""
         products = sum(count / self.flops[kind] for kind, count in cost.flops.items())
         return max(products, cost.num_bytes / self.copy)
@@ -84,7 +84,7 @@ def _product_rate(dtype: torch.dtype, device: torch.device) -> float:
     best = 0.0
     precision = torch.get_float32_matmul_precision()
     if device.type == "cuda":
-        # Convolutions use TensorFloat-32 there by default, so a floor has to reckon with it.
+        # Convolutions use TensorFloat-32 there by default, so a roofline has to reckon with it.
         torch.set_float32_matmul_precision("high")
     try:
         for edge in PRODUCTS[device.type]:

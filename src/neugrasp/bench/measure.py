@@ -9,15 +9,15 @@ import torch
 from neugrasp.bench.command import SpeedTest
 from neugrasp.bench.machine import Machine, Rates, measure_rates, peak_memory, this_machine
 from neugrasp.bench.recorder import Cost
-from neugrasp.bench.stages import Detecting, Loading, NewBackgrounds, Run, Subject, counted, timed
-from neugrasp.bench.subjects import (
+from neugrasp.bench.stages import Detecting, Loading, NewBackgrounds, Run, Workload, counted, timed
+from neugrasp.bench.training_stages import TrainingStep
+from neugrasp.bench.workloads import (
     bundled_folder,
     bundled_views,
     shaped_detector,
     shaped_training,
     training_sample,
 )
-from neugrasp.bench.training_stages import TrainingStep
 from neugrasp.progress import counted as in_progress
 from neugrasp.training.module import bfloat16_pays
 
@@ -83,12 +83,12 @@ def measure(settings: SpeedTest) -> Measurement:
     return Measurement(settings, machine, rates, inference, training)
 
 
-def series(subject: Subject, rounds: int) -> Series:
+def series(workload: Workload, rounds: int) -> Series:
     """`rounds` passes, after one in which operations are counted."""
-    costs = counted(subject).stages
-    for _ in range(WARM_UP[subject.device.type]):
-        timed(subject)
-    return Series(tuple(timed(subject) for _ in in_progress(range(rounds), "rounds")), costs)
+    costs = counted(workload).stages
+    for _ in range(WARM_UP[workload.device.type]):
+        timed(workload)
+    return Series(tuple(timed(workload) for _ in in_progress(range(rounds), "rounds")), costs)
 
 
 def _inference(settings: SpeedTest, device: torch.device) -> Inference:

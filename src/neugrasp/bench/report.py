@@ -12,8 +12,8 @@ from neugrasp.bench.machine import Machine, Rates
 from neugrasp.bench.measure import Inference, Measurement, Series, Training
 from neugrasp.bench.recorder import Cost
 from neugrasp.bench.stages import OTHER
-from neugrasp.long_runs import source_commit
 from neugrasp.output import write_text
+from neugrasp.run_folder import source_commit
 
 FORMAT, VERSION = "neugrasp-bench", 1
 ORDER = (
@@ -35,8 +35,8 @@ ORDER = (
     OTHER,
 )
 """The stages as a table shows them."""
-ROW = "{:<16}{:>10}{:>9}{:>9}{:>8}{:>10}{:>9}"
-HEADER = ROW.format("", "median ms", "+- ms", "GFLOP", "MB", "floor ms", "x floor")
+ROW = "{:<16}{:>10}{:>9}{:>9}{:>8}{:>13}{:>12}"
+HEADER = ROW.format("", "median ms", "+- ms", "GFLOP", "MB", "roofline ms", "x roofline")
 
 
 def summary(found: Measurement) -> dict[str, Any]:
@@ -120,23 +120,23 @@ def _training(found: Training, rates: Rates) -> dict[str, Any]:
 
 def _stages(series: Series, rates: Rates) -> dict[str, Any]:
     rows = _rows(series, rates)
-    # The stages run one after the other, so their floors add up.
-    floor = sum(row["floor_s"] or 0.0 for row in rows)
-    return {"total": _row("total", _total(series), floor), "stages": rows}
+    # The stages run one after the other, so their rooflines add up.
+    roofline = sum(row["floor_s"] or 0.0 for row in rows)
+    return {"total": _row("total", _total(series), roofline), "stages": rows}
 
 
 def _rows(series: Series, rates: Rates) -> list[dict[str, Any]]:
     """A row for every stage."""
     names = sorted(series.costs, key=lambda name: ORDER.index(name) if name in ORDER else -1)
-    return [_row(name, _stage(series, name), rates.floor(series.costs[name])) for name in names]
+    return [_row(name, _stage(series, name), rates.roofline(series.costs[name])) for name in names]
 
 
-def _row(name: str, timing: dict[str, Any], floor: float) -> dict[str, Any]:
+def _row(name: str, timing: dict[str, Any], roofline: float) -> dict[str, Any]:
     return {
         "stage": name,
         **timing,
-        "floor_s": floor or None,
-        "times_the_floor": timing["seconds"] / floor if floor else None,
+        "floor_s": roofline or None,
+        "times_the_floor": timing["seconds"] / roofline if roofline else None,
     }
 
 

@@ -47,7 +47,7 @@ class Run:
     stages: dict[str, Cost]
 
 
-class Subject(Protocol):
+class Workload(Protocol):
     """Something to be timed."""
 
     device: torch.device
@@ -57,28 +57,28 @@ class Subject(Protocol):
         ...
 
 
-def timed(subject: Subject) -> Run:
+def timed(workload: Workload) -> Run:
     """One pass, timed."""
-    return _run(subject, None)
+    return _run(workload, None)
 
 
-def counted(subject: Subject) -> Run:
+def counted(workload: Workload) -> Run:
     """One pass with operations and bytes counted, which makes it slow; on one thread, as others go unseen."""
     counter = FlopCounter()
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
         with counter:
-            return _run(subject, counter)
+            return _run(workload, counter)
     finally:
         torch.set_num_threads(threads)
 
 
-def _run(subject: Subject, counter: FlopCounter | None) -> Run:
-    recorder = Recorder(subject.device, counter)
+def _run(workload: Workload, counter: FlopCounter | None) -> Run:
+    recorder = Recorder(workload.device, counter)
     recorder.clock.finish()
     start, cpu_start = time.perf_counter(), time.process_time()
-    subject.run(recorder)
+    workload.run(recorder)
     recorder.clock.finish()
     seconds, cpu_seconds = time.perf_counter() - start, time.process_time() - cpu_start
     stages = recorder.costs()

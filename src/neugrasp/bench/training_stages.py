@@ -15,7 +15,7 @@ from neugrasp.training.config import TrainConfig
 from neugrasp.training.dataset import Batch
 from neugrasp.training.module import TrainingModule, neugrasp_losses
 from neugrasp.training.samples import Sample
-from neugrasp.training.state import Learner
+from neugrasp.training.state import TrainState
 
 FLOAT = 4
 """Bytes of a weight, a gradient or a moment."""
@@ -33,7 +33,7 @@ class TrainingStep:
         self.config = replace(config, weights=weights, head_steps=0)
         self.batch = Batch((sample,), ())
         self.module = TrainingModule(model.train(), neugrasp_losses, self.config)
-        self.learner = Learner.of(model, self.config)
+        self.learner = TrainState.of(model, self.config)
         self.weights: list[Tensor] = list(model.parameters())
         self.device = self.weights[0].device
         self.kept = 0

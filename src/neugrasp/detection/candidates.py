@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
-from neugrasp.detection.hand_check import hand_points
+from neugrasp.detection.collision_filter import hand_points
 from neugrasp.geometry.fusion import Grid
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper

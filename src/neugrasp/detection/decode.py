@@ -14,8 +14,8 @@ from jaxtyping import Bool, Float, Float32, Float64, Int64
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from neugrasp.detection.collision_filter import CollisionFilter
 from neugrasp.detection.contract import Detection
-from neugrasp.detection.hand_check import HandCheck
 from neugrasp.geometry.fusion import Grid
 from neugrasp.geometry.pose import from_quaternion, to_quaternion
 from neugrasp.geometry.workspace import Workspace
@@ -39,7 +39,7 @@ class SelectionConfig:
     """Edge of the cube, in voxels, in which only the best grasp survives."""
     min_width: float = 0.01
     """Narrowest opening, metres; the widest is `max_opening` less this."""
-    hand: HandCheck | None = None
+    hand: CollisionFilter | None = None
     """Moves grasps as deep as the surface lets the hand, and drops what it speaks against; None: neither."""
 
 
@@ -135,13 +135,13 @@ def select_grasps(
     # Last, not before the suppression: the neighbours that would take the place of a peak that fails pass
     # only just, and hold less often.
     if config.hand is not None:
-        room = config.hand.room(prediction.tsdf, workspace, Grasps.of(grasps).poses)
-        grasps = tuple(grasp.advanced(further) for grasp, further in zip(grasps, room, strict=True))
+        margin = config.hand.depth_margin(prediction.tsdf, workspace, Grasps.of(grasps).poses)
+        grasps = tuple(grasp.advanced(further) for grasp, further in zip(grasps, margin, strict=True))
         holds, is_free = config.hand.passes(prediction.tsdf, workspace, Grasps.of(grasps).poses)
         rejected["nothing_between_the_fingers"] = int(np.count_nonzero(~holds))
         rejected["hand_would_collide"] = int(np.count_nonzero(holds & ~is_free))
         passes = holds & is_free
-        deep = passes & (room > config.hand.least_room)
+        deep = passes & (margin > config.hand.least_depth_margin)
         # Half of the others slip: worth a try only where nothing is held better.
         kept = deep if deep.any() else passes
         rejected["held_by_the_rim"] = int(np.count_nonzero(passes & ~kept))

@@ -9,14 +9,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from neugrasp.detection.ask_head import predict_grasps
 from neugrasp.detection.background_memory import CELLS, BackgroundMemory
+from neugrasp.detection.collision_filter import CollisionFilter
 from neugrasp.detection.contract import Detection, Stopwatch
 from neugrasp.detection.decode import Prediction, Selection, SelectionConfig, select_grasps
-from neugrasp.detection.hand_check import HandCheck
 from neugrasp.detection.judge import Judge, judge_facts
 from neugrasp.detection.options import DetectorOptions
 from neugrasp.detection.registry import PHOTOS, DetectorSpec, weights_facts
+from neugrasp.detection.test_time_augmentation import predict_grasps
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasps
@@ -84,7 +84,7 @@ class NeuGraspDetector:
             selection = SelectionConfig(threshold=HINTS)
             return cls(checkpoint.model(), hand, selection, device, precision, judge)
         threshold = threshold_of(checkpoint.about, threshold)
-        selection = SelectionConfig(threshold=threshold, hand=HandCheck(hand) if hand_check else None)
+        selection = SelectionConfig(threshold=threshold, hand=CollisionFilter(hand) if hand_check else None)
         return cls(checkpoint.model(), hand, selection, device, precision)
 
     @classmethod

@@ -11,7 +11,7 @@ import numpy as np
 from neugrasp.doctor.capture import Capture
 from neugrasp.doctor.convention import in_view, slab
 from neugrasp.doctor.findings import Finding, Level, Limits, green, judged, named
-from neugrasp.doctor.problems import (
+from neugrasp.doctor.messages import (
     FIELD_OF_VIEW,
     LITTLE_SEEN,
     NO_BASELINE,
@@ -24,7 +24,7 @@ from neugrasp.doctor.problems import (
     UNTRAINED_ANGLE,
     UNTRAINED_DISTANCE,
 )
-from neugrasp.doctor.shot import NETWORK_SIZE
+from neugrasp.doctor.table_crop import NETWORK_SIZE
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import inverse
 from neugrasp.observation import Views

@@ -11,8 +11,8 @@ import numpy as np
 
 from neugrasp.data.scene_folder import FILE, read_json, view_of, workspace_of
 from neugrasp.doctor.findings import Finding, Level, Problem, green
+from neugrasp.doctor.messages import INTRINSICS_UNIT, NOT_RIGID, TRANSPOSED, UNITS, UNREADABLE
 from neugrasp.doctor.photo_tags import check_tags
-from neugrasp.doctor.problems import INTRINSICS_UNIT, NOT_RIGID, TRANSPOSED, UNITS, UNREADABLE
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import is_rigid
 from neugrasp.observation import MAX_VIEWS, View, Views

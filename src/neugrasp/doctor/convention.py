@@ -9,16 +9,16 @@ import numpy as np
 
 from neugrasp.doctor.capture import Capture
 from neugrasp.doctor.findings import Finding, Level, green, views_text
-from neugrasp.doctor.interpretation import RARE, USUAL, Interpretation
-from neugrasp.doctor.problems import (
+from neugrasp.doctor.messages import (
     CAMERA_BELOW_TABLE,
     CUBE_NOT_SEEN,
     INVERTED_WORKSPACE,
     ONE_VIEW_MISSES,
     UNITS,
 )
-from neugrasp.doctor.shot import shots_of
+from neugrasp.doctor.pose_conventions import RARE, USUAL, PoseConvention
 from neugrasp.doctor.table import comparable, mean_correlation, table_pictures
+from neugrasp.doctor.table_crop import table_crops
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array, inverse
 from neugrasp.geometry.workspace import Workspace
@@ -31,10 +31,10 @@ SEEN = 0.25
 POSSIBLE = 0.01
 """Share of the cube in all views with which they are looked at as they are, where nothing explains them."""
 CONFIRMED = 0.5
-"""Agreement about the table from which on an unlikely interpretation is believed."""
+"""Agreement about the table from which on an unlikely convention is believed."""
 CLEAR = 0.15
-"""By how much the tables of one interpretation must agree better than those of the next."""
-Candidate = tuple[Interpretation, Views]
+"""By how much the tables of one convention must agree better than those of the next."""
+Candidate = tuple[PoseConvention, Views]
 """A way to understand a scene, and the scene understood that way."""
 
 
@@ -55,7 +55,7 @@ def check_convention(capture: Capture) -> tuple[Capture, list[Finding]]:
 
 
 def _candidates(views: Views, only: Sequence[bool], is_doubtful: bool) -> list[Candidate]:
-    """The interpretations of the chosen views that the photos confirm, or else those that may be believed."""
+    """The conventions of the chosen views that the photos confirm, or else those that may be believed."""
     usual = _simplest(views, only, USUAL)
     for found in (usual, _simplest(views, only, RARE)):
         if confirmed := [entry for entry in found if _agreement(entry[1], only) >= CONFIRMED]:
@@ -63,17 +63,15 @@ def _candidates(views: Views, only: Sequence[bool], is_doubtful: bool) -> list[C
     return [] if is_doubtful else usual
 
 
-def _simplest(
-    views: Views, only: Sequence[bool], interpretations: Sequence[Interpretation]
-) -> list[Candidate]:
-    """The interpretations in which all is plausible and the fewest mistakes, each once."""
+def _simplest(views: Views, only: Sequence[bool], conventions: Sequence[PoseConvention]) -> list[Candidate]:
+    """The conventions in which all is plausible and the fewest mistakes, each once."""
     found: list[Candidate] = []
-    for interpretation in sorted(interpretations, key=lambda one: one.mistakes):
-        if found and interpretation.mistakes > found[0][0].mistakes:
+    for convention in sorted(conventions, key=lambda one: one.mistakes):
+        if found and convention.mistakes > found[0][0].mistakes:
             break
-        read = understood(views, interpretation, only)
+        read = understood(views, convention, only)
         if all(plausible(read)) and not any(_is_same(read, other) for _, other in found):
-            found.append((interpretation, read))
+            found.append((convention, read))
     return found
 
 
@@ -89,18 +87,18 @@ def _poses(views: Views) -> Array:
 
 def _agreement(views: Views, only: Sequence[bool]) -> float:
     """Of the chosen photos with all others about the table, 0 where they cannot be compared."""
-    pictures = table_pictures(shots_of(views), views.workspace)
+    pictures = table_pictures(table_crops(views), views.workspace)
     pairs = [(i, j) for i, j in comparable(pictures) if only[i] or only[j]]
     return mean_correlation(pictures, pairs) if pairs else 0.0
 
 
-def understood(views: Views, interpretation: Interpretation, only: Sequence[bool]) -> Views:
+def understood(views: Views, convention: PoseConvention, only: Sequence[bool]) -> Views:
     """The scene with the chosen views, and the cube, read another way."""
     changed = [
-        replace(view, camera=interpretation.camera(view.camera)) if is_meant else view
+        replace(view, camera=convention.camera(view.camera)) if is_meant else view
         for view, is_meant in zip(views.frames, only, strict=True)
     ]
-    return Views(tuple(changed), interpretation.workspace(views.workspace))
+    return Views(tuple(changed), convention.workspace(views.workspace))
 
 
 def is_examinable(views: Views) -> bool:
@@ -140,7 +138,7 @@ def in_view(camera: Camera, points: Array) -> np.ndarray:
 def _decided(
     capture: Capture, candidates: list[Candidate], only: list[bool]
 ) -> tuple[Capture, list[Finding]]:
-    """Of several interpretations the one in which the photos agree best about the table."""
+    """Of several conventions the one in which the photos agree best about the table."""
     if len(candidates) > 1:
         scores = [_agreement(views, only) for _, views in candidates]
         order = np.argsort(scores)[::-1]

@@ -9,9 +9,9 @@ import numpy as np
 from scipy import ndimage
 
 from neugrasp.doctor.findings import Finding, Level, green, not_measured
-from neugrasp.doctor.problems import NOT_EMPTY
-from neugrasp.doctor.shot import Mask, shots_of
+from neugrasp.doctor.messages import NOT_EMPTY
 from neugrasp.doctor.table import STEP, TablePicture, comparable, table_pictures
+from neugrasp.doctor.table_crop import Mask, table_crops
 from neugrasp.geometry.pose import Array
 from neugrasp.observation import Views
 
@@ -35,7 +35,7 @@ def check_empty_table(views: Views, without: Collection[int] = ()) -> Finding:
     """
     pictures = [
         picture
-        for i, picture in enumerate(table_pictures(shots_of(views), views.workspace))
+        for i, picture in enumerate(table_pictures(table_crops(views), views.workspace))
         if i not in without
     ]
     unknown = not_measured(ITEM, "the views have too little of it in common to tell")

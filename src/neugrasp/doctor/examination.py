@@ -13,11 +13,11 @@ from neugrasp.doctor.convention import check_convention, is_examinable
 from neugrasp.doctor.empty_table import check_empty_table
 from neugrasp.doctor.findings import Finding, Level, verdict, worst
 from neugrasp.doctor.light_checks import check_brightness, check_light, check_sharpness
+from neugrasp.doctor.messages import BACKGROUND_DIFFERS, MIRRORED, SAME_PHOTO, SHIFTED
 from neugrasp.doctor.pair_checks import check_pairs, check_pairs_quickly
-from neugrasp.doctor.problems import BACKGROUND_DIFFERS, MIRRORED, SAME_PHOTO, SHIFTED
-from neugrasp.doctor.shot import GLANCE_SIZE, shots_of
 from neugrasp.doctor.silhouettes import check_silhouettes
 from neugrasp.doctor.table_checks import check_table, check_table_quickly
+from neugrasp.doctor.table_crop import GLANCE_SIZE, table_crops
 from neugrasp.observation import Views
 
 Look = Callable[[Capture], tuple[Capture, list[Finding]]]
@@ -101,32 +101,32 @@ def _look(capture: Capture) -> tuple[Capture, list[Finding]]:
     if worst(found) == Level.GREEN or mended is not capture:
         findings.append(check_empty_table(mended.views, without=wrong))
     capture = mended
-    shots = shots_of(capture.views)
+    crops = table_crops(capture.views)
     findings += check_coverage(capture.views)
     unpaired = {i for finding in findings if finding.problem in UNPAIRED for i in finding.views}
-    paired = [shot for shot in shots if shot.index not in unpaired]
+    paired = [crop for crop in crops if crop.index not in unpaired]
     if paired:
         found = [*check_light(paired), *check_sharpness(paired)]
-        findings += [_renumbered(finding, [shot.index for shot in paired]) for finding in found]
+        findings += [_renumbered(finding, [crop.index for crop in paired]) for finding in found]
         is_alike = worst(found) == Level.GREEN
         findings.append(check_silhouettes(paired, capture.views.workspace, is_alike))
-    return capture, [*findings, *check_brightness(shots)]
+    return capture, [*findings, *check_brightness(crops)]
 
 
 def _glance(capture: Capture) -> tuple[Capture, list[Finding]]:
     """The checks that are quick and decide; of the light, what makes grasps fail."""
     capture, findings = check_intrinsics(capture)
-    shots = shots_of(capture.views, GLANCE_SIZE)
-    mended, pairs = check_pairs_quickly(capture, shots)
+    crops = table_crops(capture.views, GLANCE_SIZE)
+    mended, pairs = check_pairs_quickly(capture, crops)
     if mended is not capture:
-        capture, shots = mended, shots_of(mended.views, GLANCE_SIZE)
+        capture, crops = mended, table_crops(mended.views, GLANCE_SIZE)
     findings += pairs
     if any(finding.problem is SAME_PHOTO for finding in pairs):
         return capture, findings
     if not (wrong := {i for finding in pairs if finding.level == Level.RED for i in finding.views}):
         capture, found = check_table_quickly(capture)
         findings += found
-    light = [*check_brightness(shots), *check_light([s for s in shots if s.index not in wrong] or shots)]
+    light = [*check_brightness(crops), *check_light([s for s in crops if s.index not in wrong] or crops)]
     red = [finding for finding in light if finding.level == Level.RED]
     return capture, [*findings, *check_coverage(capture.views), *red]
 

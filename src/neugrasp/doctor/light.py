@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from neugrasp.doctor.registration import tukey
-from neugrasp.doctor.shot import Mask, Plane, Shot, linear
+from neugrasp.doctor.table_crop import Mask, Plane, TableCrop, linear
 from neugrasp.geometry.pose import Array
 
 DARKEST, BRIGHTEST = 0.06, 0.97
@@ -26,13 +26,13 @@ class Drift:
     """Light of the image over light of the background where both show the same, in stops (EV)."""
 
     exposure: float
-    """Of the middle of the shot."""
+    """Of the middle of the crop."""
     white_balance: float
     """Largest difference between two colour channels."""
     slope: float
     """Largest difference between two corners: a lamp or the daylight moved."""
     compared: float
-    """Share of the shot that shows the same in both; what is small says nothing."""
+    """Share of the crop that shows the same in both; what is small says nothing."""
     plane: Array
     """(3, 3): for each channel the stops at the middle and per half width and half height."""
 
@@ -44,10 +44,10 @@ class Drift:
         return np.asarray(display, dtype=np.float32)
 
 
-def drift_of(shot: Shot) -> Drift:
+def drift_of(crop: TableCrop) -> Drift:
     """The change of light between the photo and its background; objects and their shadows do not count."""
-    image, background = (_smooth(p)[::STRIDE, ::STRIDE] for p in (shot.image, shot.background))
-    basis = _basis(shot.image.shape[:2])[::STRIDE, ::STRIDE].reshape(-1, 3)
+    image, background = (_smooth(p)[::STRIDE, ::STRIDE] for p in (crop.image, crop.background))
+    basis = _basis(crop.image.shape[:2])[::STRIDE, ::STRIDE].reshape(-1, 3)
     usable = (
         (image > DARKEST) & (image < BRIGHTEST) & (background > DARKEST) & (background < BRIGHTEST)
     ).all(-1)
@@ -69,9 +69,9 @@ def drift_of(shot: Shot) -> Drift:
     )
 
 
-def different(shot: Shot, drift: Drift) -> Mask:
+def different(crop: TableCrop, drift: Drift) -> Mask:
     """(h, w): where the photo shows something else than the background, the change of light taken away."""
-    difference = np.abs(_smooth(shot.image) - _smooth(drift.corrected(shot.background))).max(axis=-1)
+    difference = np.abs(_smooth(crop.image) - _smooth(drift.corrected(crop.background))).max(axis=-1)
     return np.asarray(difference > DIFFERENT)
 
 

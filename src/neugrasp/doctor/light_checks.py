@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from neugrasp.doctor.findings import Finding, Level, Limits, Problem, green, judged, not_measured
 from neugrasp.doctor.light import Drift, different, drift_of
-from neugrasp.doctor.problems import (
+from neugrasp.doctor.messages import (
     BLURRED,
     CHANGED_OUTSIDE,
     DARK,
@@ -19,7 +19,7 @@ from neugrasp.doctor.problems import (
     SATURATED,
     WHITE_BALANCE,
 )
-from neugrasp.doctor.shot import Mask, Plane, Shot, grey
+from neugrasp.doctor.table_crop import Mask, Plane, TableCrop, grey
 from neugrasp.geometry.pose import Array
 
 EXPOSURE_LIMITS = Limits(0.25, 0.8)
@@ -34,7 +34,7 @@ WHITE_LIMITS = Limits(5.0, 30.0)
 """Percent of the cube's part of the photo."""
 DARK_LIMITS = Limits(30.0, 80.0)
 COMPARED = 0.3
-"""Share of a shot that must show the same in both photos for the light to be compared."""
+"""Share of a crop that must show the same in both photos for the light to be compared."""
 MARGIN = 6
 """Pixels around the cube in which its objects still cast shadows."""
 LEAST_AROUND = 0.03
@@ -62,9 +62,9 @@ NOISE = 0.8 / 255
 """Detail below this strength is noise, and says nothing of sharpness."""
 
 
-def check_light(shots: Sequence[Shot]) -> list[Finding]:
+def check_light(crops: Sequence[TableCrop]) -> list[Finding]:
     """Exposure, white balance, moved light, changes around the cube, and whether anything stands in it."""
-    drifts = [drift_of(shot) for shot in shots]
+    drifts = [drift_of(crop) for crop in crops]
     comparable = [i for i, drift in enumerate(drifts) if drift.compared >= COMPARED]
     if not comparable:
         return [
@@ -72,7 +72,7 @@ def check_light(shots: Sequence[Shot]) -> list[Finding]:
         ]
 
     def drift(item: str, value: Callable[[Drift], float], limits: Limits, problem: Problem) -> Finding:
-        values = [abs(value(drifts[i])) if i in comparable else 0.0 for i in range(len(shots))]
+        values = [abs(value(drifts[i])) if i in comparable else 0.0 for i in range(len(crops))]
         return judged(item, values, limits, "EV", problem)
 
     findings = [
@@ -80,19 +80,19 @@ def check_light(shots: Sequence[Shot]) -> list[Finding]:
         drift("white balance", lambda d: d.white_balance, WHITE_BALANCE_LIMITS, WHITE_BALANCE),
         drift("light", lambda d: d.slope, SLOPE_LIMITS, LIGHT_MOVED),
     ]
-    masks = [different(shot, one) for shot, one in zip(shots, drifts, strict=True)]
-    return [*findings, *_changes(shots, masks, comparable)]
+    masks = [different(crop, one) for crop, one in zip(crops, drifts, strict=True)]
+    return [*findings, *_changes(crops, masks, comparable)]
 
 
-def _changes(shots: Sequence[Shot], masks: Sequence[Mask], comparable: Sequence[int]) -> list[Finding]:
+def _changes(crops: Sequence[TableCrop], masks: Sequence[Mask], comparable: Sequence[int]) -> list[Finding]:
     """What differs outside of the cube, and inside."""
-    around = [_around(shot) for shot in shots]
+    around = [_around(crop) for crop in crops]
     outside = [
-        100 * _foreign(mask, shots[i].inside, zone) if i in comparable and zone.mean() > LEAST_AROUND else 0.0
+        100 * _foreign(mask, crops[i].inside, zone) if i in comparable and zone.mean() > LEAST_AROUND else 0.0
         for i, (mask, zone) in enumerate(zip(masks, around, strict=True))
     ]
     findings = [judged("around the cube", outside, OUTSIDE_LIMITS, "% changed", CHANGED_OUTSIDE, 1)]
-    inside = [100 * float(m[s.inside].mean()) for m, s in zip(masks, shots, strict=True) if s.inside.any()]
+    inside = [100 * float(m[s.inside].mean()) for m, s in zip(masks, crops, strict=True) if s.inside.any()]
     if inside:
         text = f"{min(inside):.1f} to {max(inside):.1f} % of the cube's part of the photo changed"
         empty = max(inside) < LEAST_CHANGE
@@ -112,18 +112,18 @@ def _foreign(mask: Mask, inside: Mask, zone: Mask) -> float:
     return float((~of_cube[labels])[zone].mean())
 
 
-def _around(shot: Shot) -> Mask:
+def _around(crop: TableCrop) -> Mask:
     """What is neither the cube nor so near to it that its objects' shadows fall there."""
-    if not shot.inside.any():
-        return np.zeros_like(shot.inside)
-    return ~np.asarray(ndimage.binary_dilation(shot.inside, iterations=MARGIN))
+    if not crop.inside.any():
+        return np.zeros_like(crop.inside)
+    return ~np.asarray(ndimage.binary_dilation(crop.inside, iterations=MARGIN))
 
 
-def check_sharpness(shots: Sequence[Shot]) -> list[Finding]:
+def check_sharpness(crops: Sequence[TableCrop]) -> list[Finding]:
     """Whether a photo has less fine detail than its fellow or than the other views, and whether no edge is
     steep."""
-    edges = judged("edges", [_edge_width(shot) for shot in shots], EDGE_LIMITS, "pixels wide", BLURRED, 1)
-    details = [_details(shot) for shot in shots]
+    edges = judged("edges", [_edge_width(crop) for crop in crops], EDGE_LIMITS, "pixels wide", BLURRED, 1)
+    details = [_details(crop) for crop in crops]
     known = [value for pair in details if pair is not None for value in pair]
     if not known:
         return [not_measured("sharpness", "too little texture to tell"), edges]
@@ -142,24 +142,24 @@ def _times(more: float, less: float) -> float:
     return min(more / max(less, 1e-6), MOST_TIMES)
 
 
-def _edge_width(shot: Shot) -> float:
+def _edge_width(crop: TableCrop) -> float:
     """Pixels across which the steepest edges in the cube rise; 0 where there are none."""
-    inside = shot.inside if shot.inside.any() else np.ones_like(shot.inside)
-    picture = ndimage.gaussian_filter(grey(shot.image), SHARPNESS[0])
+    inside = crop.inside if crop.inside.any() else np.ones_like(crop.inside)
+    picture = ndimage.gaussian_filter(grey(crop.image), SHARPNESS[0])
     step = ndimage.maximum_filter(picture, REACH) - ndimage.minimum_filter(picture, REACH)
-    slope = ndimage.gaussian_gradient_magnitude(grey(shot.image), SHARPNESS[0])
+    slope = ndimage.gaussian_gradient_magnitude(grey(crop.image), SHARPNESS[0])
     steep = inside & (slope >= np.quantile(slope[inside], 1 - STEEPEST)) & (slope > 0)
     if not steep.any() or np.median(step[steep]) < LEAST_STEP:
         return 0.0
     return float(np.median(step[steep] / slope[steep]))
 
 
-def _details(shot: Shot) -> tuple[float, float] | None:
+def _details(crop: TableCrop) -> tuple[float, float] | None:
     """Fine over coarser detail of image and background where both show the same; None without texture."""
-    same = ~np.asarray(ndimage.binary_dilation(different(shot, drift_of(shot)), iterations=4))
+    same = ~np.asarray(ndimage.binary_dilation(different(crop, drift_of(crop)), iterations=4))
     if same.mean() < COMPARED:
         same = np.ones_like(same)
-    image, background = _detail(shot.image, same), _detail(shot.background, same)
+    image, background = _detail(crop.image, same), _detail(crop.background, same)
     if max(image[1], background[1]) < NOISE:
         return None
     return image[0] / max(image[1], 1e-6), background[0] / max(background[1], 1e-6)
@@ -175,12 +175,12 @@ def _strength(detail: Array, where: Mask) -> float:
     return float(np.sqrt((detail[where] ** 2).mean()))
 
 
-def check_brightness(shots: Sequence[Shot]) -> list[Finding]:
+def check_brightness(crops: Sequence[TableCrop]) -> list[Finding]:
     """White and black parts of the photos, in the cube's part of them."""
     white, black = [], []
-    for shot in shots:
-        inside = shot.inside if shot.inside.any() else np.ones_like(shot.inside)
-        pictures = (shot.image[inside], shot.background[inside])
+    for crop in crops:
+        inside = crop.inside if crop.inside.any() else np.ones_like(crop.inside)
+        pictures = (crop.image[inside], crop.background[inside])
         white.append(100 * max(float((p.min(axis=-1) > 250 / 255).mean()) for p in pictures))
         black.append(100 * max(float((p.max(axis=-1) < BLACK / 255).mean()) for p in pictures))
     return [

@@ -10,11 +10,10 @@ import numpy as np
 from PIL import Image as Picture
 
 from neugrasp.doctor.capture import Capture
-from neugrasp.doctor.explanations import MOST_VIEWS_PERMUTED, Trial, best_height
 from neugrasp.doctor.findings import Finding, Level, Limits, green, named, not_measured
-from neugrasp.doctor.problems import BACKGROUND_DIFFERS, EXCHANGED, MIRRORED, SAME_PHOTO, SHIFTED, SWAPPED
+from neugrasp.doctor.hypotheses import MOST_VIEWS_PERMUTED, Evidence, best_height
+from neugrasp.doctor.messages import BACKGROUND_DIFFERS, EXCHANGED, MIRRORED, SAME_PHOTO, SHIFTED, SWAPPED
 from neugrasp.doctor.registration import Shift, shift_between, texture
-from neugrasp.doctor.shot import GLANCE_SIZE, NETWORK_SIZE, Plane, Shot, grey, shots_of
 from neugrasp.doctor.table import (
     TablePicture,
     coarse_pictures,
@@ -22,6 +21,7 @@ from neugrasp.doctor.table import (
     mean_correlation,
     table_pictures,
 )
+from neugrasp.doctor.table_crop import GLANCE_SIZE, NETWORK_SIZE, Plane, TableCrop, grey, table_crops
 from neugrasp.observation import View
 
 SHIFT = Limits(0.3, 1.5)
@@ -52,13 +52,13 @@ def check_pairs(capture: Capture) -> tuple[Capture, list[Finding]]:
     """Findings on all pairs, and the capture with exchanged or swapped photos put right."""
     if same := check_equal(capture):
         return capture, same
-    shots = shots_of(capture.views)
-    shifts = [shift_between(grey(shot.image), grey(shot.background)) for shot in shots]
-    capture, findings = _placed(capture, shots, shifts)
+    crops = table_crops(capture.views)
+    shifts = [shift_between(grey(crop.image), grey(crop.background)) for crop in crops]
+    capture, findings = _placed(capture, crops, shifts)
     still = [i for i, s in enumerate(shifts) if s.agreement < MATCH or SHIFT.level(s.length) == Level.GREEN]
-    shots = [shot for shot in shots_of(capture.views) if shot.index in still]
+    crops = [crop for crop in table_crops(capture.views) if crop.index in still]
     if not any(finding.level == Level.RED for finding in findings):
-        some, text = _exchanged(shots, capture)
+        some, text = _exchanged(crops, capture)
         if some:
             findings.append(Finding(ITEM, Level.RED, text, EXCHANGED, named(some, len(capture.views))))
             capture = _turned(capture, some)
@@ -73,14 +73,14 @@ def _turned(capture: Capture, some: tuple[int, ...]) -> Capture:
     return replace(capture.with_views(views), exchanged=some)
 
 
-def check_pairs_quickly(capture: Capture, shots: Sequence[Shot]) -> tuple[Capture, list[Finding]]:
-    """As `check_pairs`, which is asked only where a look at small shots, of `GLANCE_SIZE`, leaves doubts."""
+def check_pairs_quickly(capture: Capture, crops: Sequence[TableCrop]) -> tuple[Capture, list[Finding]]:
+    """As `check_pairs`, which is asked only where a look at small crops, of `GLANCE_SIZE`, leaves doubts."""
     if same := check_equal(capture):
         return capture, same
     views = capture.views.frames
     if not _owners(views, max(STRIDE, *(max(view.image.shape) // SMALL for view in views))):
-        textured = [shot for shot in shots if _is_textured(shot)]
-        shifts = (shift_between(grey(shot.image), grey(shot.background)) for shot in textured)
+        textured = [crop for crop in crops if _is_textured(crop)]
+        shifts = (shift_between(grey(crop.image), grey(crop.background)) for crop in textured)
         longer = NETWORK_SIZE / GLANCE_SIZE
         if all(s.agreement >= MATCH and SHIFT.level(longer * s.length) < Level.RED for s in shifts):
             return capture, []
@@ -95,33 +95,33 @@ def check_equal(capture: Capture) -> list[Finding]:
     return [Finding(ITEM, Level.RED, text, SAME_PHOTO, named(same, len(views)))] if same else []
 
 
-def _exchanged(shots: list[Shot], capture: Capture) -> tuple[tuple[int, ...], str]:
+def _exchanged(crops: list[TableCrop], capture: Capture) -> tuple[tuple[int, ...], str]:
     """The views whose image and background are exchanged, and what speaks for it; nothing if nothing does.
 
     The empty table is flat, so its photos agree when laid onto the table plane, and those with objects less;
     on a plain table, objects are what has edges.
     """
-    everyone = tuple(shot.index for shot in shots)
-    sides = [shots, [replace(shot, background=shot.image) for shot in shots]]
+    everyone = tuple(crop.index for crop in crops)
+    sides = [crops, [replace(crop, background=crop.image) for crop in crops]]
     tables = [table_pictures(side, capture.views.workspace) for side in sides]
     if pairs := comparable(tables[0]):
         empty, full = (mean_correlation(pictures, pairs) for pictures in tables)
-        agreed, some = max((_mixed(tables, part, pairs), part) for part in _parts(len(shots)))
+        agreed, some = max((_mixed(tables, part, pairs), part) for part in _parts(len(crops)))
         if agreed > max(FLAT, empty + AGREED_MORE, full + AGREED_MORE) and 1 - agreed < REST * (1 - empty):
             text = f"the photos of the table agree by {agreed:.2f} with image and background exchanged, else "
             return tuple(everyone[i] for i in some), f"{text}by {empty:.2f}"
         # Where the cube stands too high or too low, tops of objects may agree by chance: each at its best.
         if full > empty + MORE_AGREED:
-            empty, full = (best_height(Trial(capture, side, pairs, None)).agreement for side in sides)
+            empty, full = (best_height(Evidence(capture, side, pairs, None)).agreement for side in sides)
         if max(empty, full) > MATCH:
             text = f"the images agree about the table by {full:.2f}, the backgrounds by {empty:.2f}"
             return (everyone, text) if full > empty + MORE_AGREED else ((), "")
-    edges = [(_edges(shot.image, shot), _edges(shot.background, shot)) for shot in shots]
+    edges = [(_edges(crop.image, crop), _edges(crop.background, crop)) for crop in crops]
     some = tuple(i for i, (image, background) in enumerate(edges) if background > MORE_EDGES * image)
     if some and all(
         i in some or image > MORE_EDGES * background for i, (image, background) in enumerate(edges)
     ):
-        which = "every" if len(some) == len(shots) else "the"
+        which = "every" if len(some) == len(crops) else "the"
         return tuple(
             everyone[i] for i in some
         ), f"{which} background has more edges in the cube than its image"
@@ -139,47 +139,47 @@ def _mixed(tables: list[list[TablePicture]], part: tuple[int, ...], pairs: list[
     return mean_correlation([tables[i in part][i] for i in range(len(tables[0]))], pairs)
 
 
-def _edges(picture: Plane, shot: Shot) -> float:
-    inside = shot.inside if shot.inside.any() else np.ones_like(shot.inside)
+def _edges(picture: Plane, crop: TableCrop) -> float:
+    inside = crop.inside if crop.inside.any() else np.ones_like(crop.inside)
     return float(np.sqrt((texture(grey(picture))[inside] ** 2).mean()))
 
 
-def _placed(capture: Capture, shots: list[Shot], shifts: list[Shift]) -> tuple[Capture, list[Finding]]:
+def _placed(capture: Capture, crops: list[TableCrop], shifts: list[Shift]) -> tuple[Capture, list[Finding]]:
     """The shift between image and background of every view; where there is none to be found, whose it is."""
-    textured = [_is_textured(shot) for shot in shots]
+    textured = [_is_textured(crop) for crop in crops]
     owner = _owners(capture.views.frames)
     lost = [i for i, s in enumerate(shifts) if i in owner or (textured[i] and s.agreement < MATCH)]
     known = [i for i, shift in enumerate(shifts) if shift.agreement >= MATCH and i not in lost]
     findings: list[Finding] = []
     if lost:
-        capture, findings = _foreign(capture, shots, lost, owner)
+        capture, findings = _foreign(capture, crops, lost, owner)
     if known:
-        findings.append(_shifted(shots, shifts, known))
+        findings.append(_shifted(crops, shifts, known))
     elif not lost:
         findings.append(not_measured(ITEM, "too little texture on the table to tell a shift"))
     return capture, findings
 
 
-def _is_textured(shot: Shot) -> bool:
-    strength = np.abs(texture(grey(shot.background)))
+def _is_textured(crop: TableCrop) -> bool:
+    strength = np.abs(texture(grey(crop.background)))
     return bool(np.percentile(strength, 90) > TEXTURED)
 
 
-def _shifted(shots: list[Shot], shifts: list[Shift], known: list[int]) -> Finding:
+def _shifted(crops: list[TableCrop], shifts: list[Shift], known: list[int]) -> Finding:
     """The largest shift that could be measured."""
     level = max(SHIFT.level(shifts[i].length) for i in known)
     worst = max(known, key=lambda i: shifts[i].length)
-    shift, scale = shifts[worst], shots[worst].photo_pixels
+    shift, scale = shifts[worst], crops[worst].photo_pixels
     size = f"{shift.length * scale:.2f} pixels of the photo"
     if level == Level.GREEN:
         return green(ITEM, f"shifted by at most {size}")
     text = f"shifted by ({shift.x * scale:+.2f}, {shift.y * scale:+.2f}), {size}"
     bad = [i for i in known if SHIFT.level(shifts[i].length) == level]
-    return Finding(ITEM, level, text, SHIFTED, named(bad, len(shots)))
+    return Finding(ITEM, level, text, SHIFTED, named(bad, len(crops)))
 
 
 def _foreign(
-    capture: Capture, shots: list[Shot], lost: list[int], owner: dict[int, int]
+    capture: Capture, crops: list[TableCrop], lost: list[int], owner: dict[int, int]
 ) -> tuple[Capture, list[Finding]]:
     """Views whose background is not theirs: whose it is, or whether one of the two is mirrored."""
     views = list(capture.views.frames)
@@ -192,7 +192,7 @@ def _foreign(
         if sorted(order) == list(range(len(views))):
             capture = _reordered(capture, order)
     rest = tuple(i for i in lost if i not in swapped)
-    turned = tuple(i for i in rest if _is_turned(shots[i], views[i]))
+    turned = tuple(i for i in rest if _is_turned(crops[i], views[i]))
     if turned:
         text = "the image fits its background when one of them is turned over"
         findings.append(Finding(ITEM, Level.RED, text, MIRRORED, turned))
@@ -221,17 +221,17 @@ def _unlikeness(view: View, other: View, stride: int) -> float:
     return float(np.quantile(np.abs(image.astype(np.int16) - background).sum(axis=-1), 0.25))
 
 
-def _is_turned(shot: Shot, view: View) -> bool:
+def _is_turned(crop: TableCrop, view: View) -> bool:
     """Whether the image fits its background when it is mirrored or turned upside down."""
     turned = [view.image[:, ::-1], view.image[::-1], view.image[::-1, ::-1]]
-    cuts = [_cut(np.ascontiguousarray(picture), shot) for picture in turned]
-    return any(shift_between(grey(cut), grey(shot.background)).agreement >= MATCH for cut in cuts)
+    cuts = [_cut(np.ascontiguousarray(picture), crop) for picture in turned]
+    return any(shift_between(grey(cut), grey(crop.background)).agreement >= MATCH for cut in cuts)
 
 
-def _cut(photo: np.ndarray, shot: Shot) -> Plane:
-    """The part of another photo of the same size that a shot shows."""
-    height, width = shot.background.shape[:2]
-    left, top, right, bottom = (edge + 0.5 for edge in shot.box)
+def _cut(photo: np.ndarray, crop: TableCrop) -> Plane:
+    """The part of another photo of the same size that a crop shows."""
+    height, width = crop.background.shape[:2]
+    left, top, right, bottom = (edge + 0.5 for edge in crop.box)
     picture = Picture.fromarray(photo).resize(
         (width, height), Picture.Resampling.BOX, (left, top, right, bottom)
     )

@@ -12,7 +12,7 @@ import numpy as np
 from neugrasp.data.photo_files import OTHER_FOCAL, Tags, photo_tags
 from neugrasp.data.scene_folder import photo_of
 from neugrasp.doctor.findings import Finding, Level
-from neugrasp.doctor.problems import OTHER_LENS, ROTATION_TAG
+from neugrasp.doctor.messages import OTHER_LENS, ROTATION_TAG
 from neugrasp.geometry.camera import Camera
 from neugrasp.observation import View
 

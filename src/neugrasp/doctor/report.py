@@ -10,8 +10,8 @@ from neugrasp.doctor.convention import plausible
 from neugrasp.doctor.examination import Diagnosis
 from neugrasp.doctor.findings import Finding, Level, views_text
 from neugrasp.doctor.light import different, drift_of
-from neugrasp.doctor.shot import Shot, shots_of
 from neugrasp.doctor.table import table_colours
+from neugrasp.doctor.table_crop import TableCrop, table_crops
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.observation import Image, Views
 from neugrasp.pictures.cube import draw_cube
@@ -32,10 +32,10 @@ def report(diagnosis: Diagnosis, name: str) -> str:
         note = "<p>Drawn as understood, with all certain mistakes undone.</p>" if diagnosis.is_mended else ""
         sections.append(section("The cube and the table in every photo", note, pictures(_drawn(views), 250)))
         if all(plausible(views, share=0.01)):
-            shots = shots_of(views)
-            sections.append(section("What differs from the empty table", pictures(_changes(shots), 250)))
+            crops = table_crops(views)
+            sections.append(section("What differs from the empty table", pictures(_changes(crops), 250)))
             sections.append(
-                section("The empty table from above, as each view has it", *_tables(shots, views))
+                section("The empty table from above, as each view has it", *_tables(crops, views))
             )
     return page(f"Capture {name}: {diagnosis.verdict}", VERDICTS[diagnosis.level], sections)
 
@@ -61,21 +61,21 @@ def _drawn(views: Views) -> list[tuple[Image, str]]:
     return figures
 
 
-def _changes(shots: Sequence[Shot]) -> list[tuple[Image, str]]:
+def _changes(crops: Sequence[TableCrop]) -> list[tuple[Image, str]]:
     """The image in grey with what is new in it in red; the outline of the cube stays bright."""
     figures = []
-    for shot in shots:
-        mask = different(shot, drift_of(shot))
-        grey = shot.image.mean(axis=-1, keepdims=True).repeat(3, axis=-1)
-        picture = np.where(shot.inside[..., None], grey, 0.55 * grey)
+    for crop in crops:
+        mask = different(crop, drift_of(crop))
+        grey = crop.image.mean(axis=-1, keepdims=True).repeat(3, axis=-1)
+        picture = np.where(crop.inside[..., None], grey, 0.55 * grey)
         picture = np.where(mask[..., None], 0.45 * picture + 0.55 * np.array([0.95, 0.15, 0.1]), picture)
-        figures.append(((picture * 255).round().astype(np.uint8), f"view {shot.index}: red differs"))
+        figures.append(((picture * 255).round().astype(np.uint8), f"view {crop.index}: red differs"))
     return figures
 
 
-def _tables(shots: Sequence[Shot], views: Views) -> list[str]:
+def _tables(crops: Sequence[TableCrop], views: Views) -> list[str]:
     workspace: Workspace = views.workspace
-    figures = [(table_colours(shot, workspace), f"view {shot.index}") for shot in shots]
+    figures = [(table_colours(crop, workspace), f"view {crop.index}") for crop in crops]
     return [
         "<p>All of them must show the same, at the same place.</p>",
         pictures(figures, width=220),

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from neugrasp.change import OBJECT, TABLE, change_labels, unchanged
+from neugrasp.change_mask import OBJECT, TABLE, change_labels, unchanged
 from neugrasp.doctor.findings import Finding, Limits, green, not_measured
-from neugrasp.doctor.problems import SILHOUETTES
-from neugrasp.doctor.shot import Shot
+from neugrasp.doctor.messages import SILHOUETTES
+from neugrasp.doctor.table_crop import TableCrop
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array
 from neugrasp.geometry.workspace import Workspace
@@ -41,21 +41,21 @@ class Silhouette:
     """What one view says about the space in front of it."""
 
     camera: Camera
-    """Of the shot, workspace frame."""
+    """Of the crop, workspace frame."""
     objects: Array
     """Pixels (n, 2) that show an object."""
     outside: Array
     """(h, w) pixels to the nearest one at which there may be an object; 0 there."""
 
 
-def check_silhouettes(shots: Sequence[Shot], workspace: Workspace, is_alike: bool) -> Finding:
+def check_silhouettes(crops: Sequence[TableCrop], workspace: Workspace, is_alike: bool) -> Finding:
     """Whether the views agree about where objects are.
 
     Unless images and backgrounds are alike in light, focus and surroundings, more than objects has changed.
     """
     if not is_alike:
         return not_measured(ITEM, "images and backgrounds differ in more than the objects")
-    silhouettes = [silhouette_of(shot, workspace) for shot in shots]
+    silhouettes = [silhouette_of(crop, workspace) for crop in crops]
     seen = sum(len(s.objects) >= LEAST_PIXELS for s in silhouettes)
     if seen < 2:
         return not_measured(ITEM, "fewer than two views show objects for certain")
@@ -65,12 +65,12 @@ def check_silhouettes(shots: Sequence[Shot], workspace: Workspace, is_alike: boo
     return Finding(ITEM, level, text, SILHOUETTES) if level else green(ITEM, text)
 
 
-def silhouette_of(shot: Shot, workspace: Workspace) -> Silhouette:
-    """From the part of a shot that the network reads."""
-    box, (height, width) = workspace.photo_box(shot.camera), shot.image.shape[:2]
+def silhouette_of(crop: TableCrop, workspace: Workspace) -> Silhouette:
+    """From the part of a crop that the network reads."""
+    box, (height, width) = workspace.photo_box(crop.camera), crop.image.shape[:2]
     left, top = (max(0, int(np.ceil(edge))) for edge in box[:2])
     part = (slice(top, min(height, int(box[3]) + 1)), slice(left, min(width, int(box[2]) + 1)))
-    photos = [(photo[part] * 255).round().astype(np.uint8) for photo in (shot.image, shot.background)]
+    photos = [(photo[part] * 255).round().astype(np.uint8) for photo in (crop.image, crop.background)]
     labels = change_labels(photos[0], photos[1])
     empty = np.zeros((height, width), dtype=bool)
     empty[part] = (labels == TABLE) & unchanged(photos[0], photos[1])
@@ -79,7 +79,7 @@ def silhouette_of(shot: Shot, workspace: Workspace) -> Silhouette:
     rows, columns = np.nonzero(labels == OBJECT)
     chosen = np.random.default_rng(0).permutation(len(rows))[:PIXELS]
     objects = np.stack([columns[chosen] + left, rows[chosen] + top], axis=-1).astype(np.float64)
-    return Silhouette(shot.camera, objects, np.asarray(ndimage.distance_transform_edt(empty)))
+    return Silhouette(crop.camera, objects, np.asarray(ndimage.distance_transform_edt(empty)))
 
 
 def disagreement(silhouettes: Sequence[Silhouette], workspace: Workspace) -> float:

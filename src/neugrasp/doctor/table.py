@@ -15,7 +15,7 @@ from PIL import Image as Picture
 from scipy import ndimage
 
 from neugrasp.doctor.registration import Shift, shift_between
-from neugrasp.doctor.shot import Mask, Shot, grey
+from neugrasp.doctor.table_crop import Mask, TableCrop, grey
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array, inverse
 from neugrasp.geometry.workspace import Workspace
@@ -84,9 +84,11 @@ def table_picture(
     return TablePicture(texture, seen, float(texture[seen].std()) if seen.any() else 0.0)
 
 
-def table_pictures(shots: Sequence[Shot], workspace: Workspace, step: float = STEP) -> list[TablePicture]:
-    """The tables of all shots."""
-    return [table_picture(grey(s.background), s.camera, workspace, step) for s in shots]
+def table_pictures(
+    crops: Sequence[TableCrop], workspace: Workspace, step: float = STEP
+) -> list[TablePicture]:
+    """The tables of all crops."""
+    return [table_picture(grey(s.background), s.camera, workspace, step) for s in crops]
 
 
 def coarse_pictures(views: Views) -> list[TablePicture]:
@@ -172,12 +174,12 @@ def _blurred(values: Array, seen: Mask, sigma: float) -> Array:
     return np.asarray(total / np.maximum(weight, 1e-6))
 
 
-def table_colours(shot: Shot, workspace: Workspace) -> Image:
+def table_colours(crop: TableCrop, workspace: Workspace) -> Image:
     """(n, n, 3) uint8, for people: the background laid onto the table, x to the right and y upwards."""
     axis = np.arange(STEP / 2, workspace.size, STEP)
     x, y = np.meshgrid(axis, axis[::-1])
-    pixels, depth = shot.camera.project(np.stack([x, y, np.full_like(x, workspace.table_height)], axis=-1))
+    pixels, depth = crop.camera.project(np.stack([x, y, np.full_like(x, workspace.table_height)], axis=-1))
     places = [pixels[..., 1], pixels[..., 0]]
-    colours = [ndimage.map_coordinates(shot.background[..., c], places, order=1) for c in range(3)]
+    colours = [ndimage.map_coordinates(crop.background[..., c], places, order=1) for c in range(3)]
     picture = np.stack(colours, axis=-1) * (depth > 0.01)[..., None]
     return np.asarray((picture * 255).round().clip(0, 255).astype(np.uint8))

@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from neugrasp.doctor.capture import Capture
-from neugrasp.doctor.explanations import Trial, explanations
 from neugrasp.doctor.findings import Finding, Level, Limits, green, not_measured
-from neugrasp.doctor.problems import POSES_UNCHECKED, TABLE_HEIGHT, TABLE_OFFSET, TABLE_TILTED
-from neugrasp.doctor.shot import shots_of
+from neugrasp.doctor.hypotheses import Evidence, hypotheses
+from neugrasp.doctor.messages import POSES_UNCHECKED, TABLE_HEIGHT, TABLE_OFFSET, TABLE_TILTED
 from neugrasp.doctor.table import (
     RELIABLE,
     Agreement,
@@ -21,13 +20,14 @@ from neugrasp.doctor.table import (
     correlation,
     table_pictures,
 )
+from neugrasp.doctor.table_crop import table_crops
 
 CERTAIN, AGREED = 0.9, 0.6
-"""Correlations above which an explanation is certain, and above which a table counts as agreed upon."""
+"""Correlations above which an hypothesis is certain, and above which a table counts as agreed upon."""
 AGREED_COARSELY = 0.9
 """Correlation of quick looks from which on nothing else is asked."""
 EXPLAINED, REST = 0.8, 0.5
-"""Correlation that an explanation must reach, and share of the disagreement that it may leave."""
+"""Correlation that an hypothesis must reach, and share of the disagreement that it may leave."""
 OFFSET = Limits(0.003, 0.015)
 """Metres by which two photos may have the table apart, about as far as grasps will be off. Executed on packed
 glass and steel (docs/capture.md), nearly all hold up to 11 mm, four of five at 20, two of five at 40."""
@@ -43,10 +43,10 @@ def check_table(capture: Capture, without: Collection[int] = ()) -> tuple[Captur
     """Whether all photos show the same table at the same place; a capture with a certain mistake undone.
 
     How far the photos have it apart decides about the level, whatever the cause. The backgrounds of the views
-    in `without` are known to be wrong and do not count; no explanation is sought then.
+    in `without` are known to be wrong and do not count; no hypothesis is sought then.
     """
-    views, shots = capture.views, shots_of(capture.views)
-    pairs = agreements(table_pictures(shots, views.workspace))
+    views, crops = capture.views, table_crops(capture.views)
+    pairs = agreements(table_pictures(crops, views.workspace))
     pairs = [pair for pair in pairs if pair.first not in without and pair.second not in without]
     if not pairs:
         return capture, [_unknown(len(views) - len(without))]
@@ -55,12 +55,12 @@ def check_table(capture: Capture, without: Collection[int] = ()) -> tuple[Captur
     if without or (as_given.level == Level.GREEN and lowest >= AGREED):
         return capture, [as_given]
     odd = _odd_view(pairs, len(views))
-    trial = Trial(capture, shots, [(pair.first, pair.second) for pair in pairs], odd)
+    evidence = Evidence(capture, crops, [(pair.first, pair.second) for pair in pairs], odd)
     # What is wrong with all may show in one.
-    trials = [trial, replace(trial, odd=None)] if odd is not None else [trial]
-    found = [one for some in trials for one in explanations(some, is_far_off=lowest < AGREED)]
+    trials = [evidence, replace(evidence, odd=None)] if odd is not None else [evidence]
+    found = [one for some in trials for one in hypotheses(some, is_far_off=lowest < AGREED)]
     best = max(found, key=lambda one: one.agreement)
-    now = trial.agreement(shots)
+    now = evidence.agreement(crops)
     if best.agreement < EXPLAINED or 1 - best.agreement >= REST * (1 - now):
         where = () if odd is None or all(map(_is_agreed, pairs)) else (odd,)
         return capture, [replace(as_given, views=where)]

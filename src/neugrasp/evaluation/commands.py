@@ -126,7 +126,7 @@ class Failures:
 
 
 @dataclass(frozen=True)
-class Story:
+class InspectEpisode:
     """A round of an evaluation as one HTML file: what was seen, what was tried, what came of it."""
 
     doing: ClassVar[str] = "playing the round again"
@@ -136,7 +136,7 @@ class Story:
     round: int
     """Its number, from 0."""
     out: Path | None = None
-    """The file; by default stories/ROUND.html in the evaluation."""
+    """The file; by default reports/ROUND.html in the evaluation."""
     objects: Path | None = None
     """The folder of URDF objects that the evaluation was made with."""
     photos: Literal["auto", "yes", "no"] = "auto"
@@ -197,7 +197,7 @@ class Results:
 
 
 @dataclass(frozen=True)
-class Validate:
+class OneShot:
     """Held-out scenes: how good the surface is, and whether the best grasp holds when it is executed.
 
     One attempt from each untouched scene, beside the same grasp head on the true surface and random antipodal

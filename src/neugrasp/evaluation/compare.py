@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Compare
 from neugrasp.evaluation.episode import Episode
-from neugrasp.evaluation.folder import facts_of, played
 from neugrasp.evaluation.protocols import protocol_of
+from neugrasp.evaluation.results_io import facts_of, played
 from neugrasp.evaluation.scores import RESAMPLES, first_succeeded
 from neugrasp.evaluation.tables import comparison_table
-from neugrasp.long_runs import CONTENTS
+from neugrasp.run_folder import CONTENTS
 from neugrasp.terminal import next_step
 
 SAME = ("protocol", "scene", "seed", "objects_sha256", "gripper")

@@ -22,8 +22,7 @@ from neugrasp.evaluation.episode import (
     Attempt,
     Episode,
 )
-from neugrasp.evaluation.protocols import Choose
-from neugrasp.evaluation.protocols import Protocol as Rules
+from neugrasp.evaluation.protocols import Choose, EvaluationRules
 from neugrasp.geometry.pose import Array, to_quaternion
 from neugrasp.robot.interface import Robot
 from neugrasp.robot.pick import CARRIED_AWAY, Pick, pick
@@ -33,17 +32,17 @@ Seen = TypeVar("Seen")
 
 
 @dataclass(frozen=True)
-class Judgement:
+class SurfaceError:
     """How good a detector's surface is."""
 
     l1: dict[str, float]
     constants: dict[str, dict[str, float]]
 
 
-class Witness(Protocol):
-    """Who stands beside the table and knows better. Nothing of it reaches the detector."""
+class GroundTruth(Protocol):
+    """What is really there. Nothing of it reaches the detector."""
 
-    def judge(self, detection: Detection) -> Judgement:
+    def surface_error(self, detection: Detection) -> SurfaceError:
         """The detected surface against the true one."""
         ...
 
@@ -53,10 +52,10 @@ class Witness(Protocol):
 
 
 @dataclass(frozen=True)
-class Game:
+class EpisodeConfig:
     """What the rounds of an evaluation have in common."""
 
-    rules: Rules
+    rules: EvaluationRules
     choose: Choose
     rng: Callable[[int, int], np.random.Generator]
     """(round, attempt) -> the random numbers of a choice."""
@@ -77,33 +76,33 @@ class Log:
 
 
 @dataclass(frozen=True)
-class _Play:
+class _EpisodeRun:
     """One round under way."""
 
-    game: Game
+    config: EpisodeConfig
     index: int
     robot: Robot[Any]
-    witness: Witness
+    ground_truth: GroundTruth
 
     def choose(self, number: int, detection: Detection) -> Chosen:
         """The next of the detected grasps that can be carried out."""
-        game, rng = self.game, self.game.rng(self.index, number)
+        config, rng = self.config, self.config.rng(self.index, number)
         return first_possible(
-            self.robot.manipulator, detection, lambda grasps: game.choose(grasps, rng, game.up)
+            self.robot.manipulator, detection, lambda grasps: config.choose(grasps, rng, config.up)
         )
 
     def attempt(self, number: int, detection: Detection, chosen: Chosen, watch: Stopwatch) -> Attempt:
         """Carries out the grasp that was chosen."""
-        game, robot = self.game, self.robot
+        config, robot = self.config, self.robot
         assert chosen.index is not None
         assert chosen.hand is not None
         grasp = detection.grasps[chosen.index]
-        objects, before = robot.table.count(), self.witness.describe()
+        objects, before = robot.table.count(), self.ground_truth.describe()
         with watch.stage("judge"):
-            judgement = self.witness.judge(detection)
+            error = self.ground_truth.surface_error(detection)
         with watch.stage("execute"):
-            min_opening = game.rules.min_opening * robot.manipulator.max_opening
-            result = pick(robot.manipulator, chosen.hand, grasp, min_opening, game.up)
+            min_opening = config.rules.min_opening * robot.manipulator.max_opening
+            result = pick(robot.manipulator, chosen.hand, grasp, min_opening, config.up)
         # A table that is only seen is counted when it is looked at.
         lost = max(0, objects - robot.table.count() - result.success)
         x, y, z = grasp.position.tolist()
@@ -122,8 +121,8 @@ class _Play:
             touched=result.touched,
             lost=lost,
             opening=result.opening,
-            l1=judgement.l1,
-            l1_constants=judgement.constants,
+            l1=error.l1,
+            l1_constants=error.constants,
             timing_s=watch.seconds | {f"detect: {name}": s for name, s in detection.timing_s.items()},
             before=before,
             skipped=chosen.counts,
@@ -131,41 +130,41 @@ class _Play:
 
 
 def declutter(
-    game: Game,
+    config: EpisodeConfig,
     index: int,
     robot: Robot[Seen],
     detector: Detector[Seen],
-    witness: Witness,
+    ground_truth: GroundTruth,
     log: Log | None = None,
 ) -> Episode:
     """Plays round `index` to its end, or the rest of a round that was begun."""
-    play, log = _Play(game, index, robot, witness), log or Log()
+    run, log = _EpisodeRun(config, index, robot, ground_truth), log or Log()
     attempts = list(log.begun.attempts if log.begun else ())
     seconds: dict[str, float] = dict(log.begun.timing_s if log.begun else {})
     skipped = Counter(log.begun.skipped if log.begun else {})
     start = log.begun.objects if log.begun else robot.table.count()
 
     def so_far(ending: str) -> Episode:
-        now = witness.describe()
+        now = ground_truth.describe()
         return Episode(
             index, start, ending, tuple(attempts), timing_s=dict(seconds), left=now, skipped=dict(skipped)
         )
 
     while robot.table.count() > 0:
-        if _failures_in_a_row(attempts) == game.rules.max_failures:
+        if _failures_in_a_row(attempts) == config.rules.max_failures:
             return so_far(FAILED_TOO_OFTEN)
         watch = Stopwatch()
         with watch.stage("look"):
-            seen = robot.camera.look()
+            seen = robot.camera.capture()
         if robot.table.count() == 0:
             break
         with watch.stage("detect"):
             detection = detector.detect(seen)
         with watch.stage("plan"):
-            chosen = play.choose(len(attempts), detection)
+            chosen = run.choose(len(attempts), detection)
         skipped.update(chosen.counts)
         if chosen.index is not None:
-            attempts.append(play.attempt(len(attempts), detection, chosen, watch))
+            attempts.append(run.attempt(len(attempts), detection, chosen, watch))
         _add(seconds, watch.seconds)
         if chosen.index is None:
             return so_far(NOTHING_REACHABLE if detection.grasps else NOTHING_DETECTED)

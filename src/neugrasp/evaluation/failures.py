@@ -12,7 +12,7 @@ import numpy as np
 from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Failures
 from neugrasp.evaluation.episode import Attempt
-from neugrasp.evaluation.folder import facts_of, library_of, played, scene_of, workspace_of
+from neugrasp.evaluation.results_io import facts_of, library_of, played, scene_of, workspace_of
 from neugrasp.progress import counted
 from neugrasp.robot.pick import REASONS, SUCCESS
 from neugrasp.simulation.physics import World
@@ -33,7 +33,7 @@ def run(config: Failures) -> str:
     """`neugrasp failures`: the table."""
     objects = [] if config.objects is None else ["--objects", config.objects]
     table = failures_table(aimed_grasps(config.evaluation, config.objects))
-    return f"{table}\n{next_step('story', config.evaluation, 0, *objects)}"
+    return f"{table}\n{next_step('inspect-episode', config.evaluation, 0, *objects)}"
 
 
 def aimed_grasps(evaluation: Path, objects: Path | None = None) -> list[Aimed]:

@@ -13,14 +13,20 @@ from neugrasp.detection.registry import DetectorSpec, detector_spec
 from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Evaluate, Table
 from neugrasp.evaluation.compare import compare
-from neugrasp.evaluation.contestants import CONTESTANTS, PAPER, Contestant, GivenWeights, contestant
+from neugrasp.evaluation.compared_methods import (
+    COMPARED_METHODS,
+    PAPER,
+    ComparedMethod,
+    GivenWeights,
+    compared_method,
+)
 from neugrasp.evaluation.run import evaluate
 from neugrasp.evaluation.surfaces import write_surfaces
 from neugrasp.evaluation.tables import l1_cell, rate_cell
-from neugrasp.evaluation.workers import MakePhotographer
-from neugrasp.long_runs import held
+from neugrasp.evaluation.workers import MakeSceneRenderer
 from neugrasp.output import write_text
 from neugrasp.progress import counted
+from neugrasp.run_folder import lock_folder
 from neugrasp.terminal import next_step
 
 log = logging.getLogger(__name__)
@@ -46,7 +52,7 @@ HEADS = (
 class Row:
     """One evaluation of the table."""
 
-    system: Contestant
+    system: ComparedMethod
     evaluation: Evaluate
 
     @property
@@ -56,21 +62,21 @@ class Row:
         return asked.detector, asked.scene, asked.materials, asked.strategy
 
 
-def run(config: Table, make_photographer: MakePhotographer | None = None) -> str:
+def run(config: Table, make_scene_renderer: MakeSceneRenderer | None = None) -> str:
     """`neugrasp table`: the table, or the name of the picture, and what to do next."""
     rows, left_out = planned(config)
     for name, reason in left_out.items():
         log.warning("%s is left out: %s", name, reason)
     if config.picture:
         picture = config.out / f"{config.scene}_surfaces.png"
-        write_surfaces(picture, [row.evaluation for row in _first_of_each(rows)], make_photographer)
+        write_surfaces(picture, [row.evaluation for row in _first_of_each(rows)], make_scene_renderer)
         return f"{picture}\n{next_step('table', config.scene, '--out', config.out)}"
     page = config.out / f"{config.scene}.md"
-    with held(config.out, "table"):
+    with lock_folder(config.out, "table"):
         done: list[tuple[Row, dict[str, Any]]] = []
         for row in counted(rows, "rows"):
             log.info("row %d of %d: %s, %s, strategy %s", len(done) + 1, len(rows), *_words(row))
-            done.append((row, evaluate(row.evaluation, make_photographer)))
+            done.append((row, evaluate(row.evaluation, make_scene_renderer)))
             _write(page, config, done, left_out)
     worst = rows[-1].evaluation.out
     then = next_step("failures", worst, *([] if config.objects is None else ["--objects", config.objects]))
@@ -89,11 +95,11 @@ def planned(config: Table) -> tuple[list[Row], dict[str, str]]:
     """
     given = GivenWeights(config.weights)
     systems, left_out = [], {}
-    for name in config.detectors or CONTESTANTS:
-        asked = _evaluation(config, contestant(name), given, MATERIALS[0], STRATEGIES[0])
+    for name in config.detectors or COMPARED_METHODS:
+        asked = _evaluation(config, compared_method(name), given, MATERIALS[0], STRATEGIES[0])
         try:
             detector_spec(name).facts(asked.options())
-            systems.append(contestant(name))
+            systems.append(compared_method(name))
         except InputError as error:
             if config.detectors:
                 raise
@@ -110,7 +116,7 @@ def planned(config: Table) -> tuple[list[Row], dict[str, str]]:
 
 
 def _evaluation(
-    config: Table, system: Contestant, given: GivenWeights, materials: Any, strategy: Any
+    config: Table, system: ComparedMethod, given: GivenWeights, materials: Any, strategy: Any
 ) -> Evaluate:
     name = system.detector.replace(":", "-")
     spec = detector_spec(system.detector)
@@ -132,12 +138,12 @@ def _evaluation(
     )
 
 
-def _rounds(config: Table, system: Contestant) -> int | None:
+def _rounds(config: Table, system: ComparedMethod) -> int | None:
     limits = [number for number in (config.rounds, system.most_rounds) if number is not None]
     return min(limits, default=None)
 
 
-def _sensors(config: Table, system: Contestant, spec: DetectorSpec) -> dict[str, Any]:
+def _sensors(config: Table, system: ComparedMethod, spec: DetectorSpec) -> dict[str, Any]:
     photos = {"samples": config.samples} if "image" in spec.observes else {}
     return {**photos, **({"depth": system.depth} if "depth" in spec.observes else {})}
 

@@ -14,7 +14,7 @@ from neugrasp.grasp import Grasp
 
 
 @dataclass(frozen=True)
-class Protocol:
+class EvaluationRules:
     """How a round is run and counted."""
 
     name: str
@@ -37,19 +37,19 @@ class Protocol:
 
 
 PROTOCOLS = {
-    "paper": Protocol(
+    "paper": EvaluationRules(
         "paper",
         table_contact=True,
         count_silent_rounds=True,
         strategy="random",
     ),
-    "vgn": Protocol(
+    "vgn": EvaluationRules(
         "vgn",
         table_contact=True,
         count_silent_rounds=False,
         strategy="random",
     ),
-    "graspnerf": Protocol(
+    "graspnerf": EvaluationRules(
         "graspnerf",
         table_contact=False,
         count_silent_rounds=False,
@@ -59,7 +59,7 @@ PROTOCOLS = {
 """NeuGrasp's, VGN's and GraspNeRF's."""
 
 
-def protocol_of(name: str) -> Protocol:
+def protocol_of(name: str) -> EvaluationRules:
     """A named protocol. Raises `InputError` on an unknown name."""
     if name not in PROTOCOLS:
         raise InputError(f"unknown protocol {name!r}; choose one of {', '.join(PROTOCOLS)}")

@@ -8,7 +8,7 @@ from typing import Any
 
 from neugrasp.evaluation.ablation import CONTROL, ablation_table, scenes_table
 from neugrasp.evaluation.commands import Results
-from neugrasp.evaluation.contestants import PAPER, contestant
+from neugrasp.evaluation.compared_methods import PAPER, compared_method
 from neugrasp.evaluation.metrics_file import read_metrics
 from neugrasp.evaluation.tables import l1_cell, rate_cell
 from neugrasp.output import write_text
@@ -130,7 +130,7 @@ def _constants(row: dict[str, Any]) -> str:
 
 def _paper(row: dict[str, Any]) -> str:
     rules = (row["protocol"], row["views"], row.get("split", "test"))
-    sensors = (None, contestant(row["detector"]).depth)
+    sensors = (None, compared_method(row["detector"]).depth)
     is_alike = rules == ("paper", "released", "test") and row["depth"] in sensors
     knows_no_geometry = row.get("trained", {}).get("recipe") != CONTROL
     key = (row["detector"], row["scene"], row["materials"], row["strategy"])

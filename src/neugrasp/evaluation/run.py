@@ -23,14 +23,14 @@ from neugrasp.evaluation.protocols import protocol_of, strategy_of
 from neugrasp.evaluation.rounds import num_rounds
 from neugrasp.evaluation.scores import scores
 from neugrasp.evaluation.tables import metrics_table
-from neugrasp.evaluation.workers import MakePhotographer, play_all
+from neugrasp.evaluation.workers import MakeSceneRenderer, play_all
 from neugrasp.geometry.view_sets import VIEW_SETS
 from neugrasp.gripper import Gripper, gripper_hash
-from neugrasp.long_runs import CONTENTS, begun_as, held, source_commit
 from neugrasp.metrics import wilson_interval
 from neugrasp.model.compute import Compute
 from neugrasp.progress import reached
 from neugrasp.robot.cell_file import read_cell, text_hash
+from neugrasp.run_folder import CONTENTS, check_run_config, lock_folder, source_commit
 from neugrasp.simulation.infrared import PhotoAndInfrared, infrared_renderer
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.renderer import Renderer, RenderSettings
@@ -43,11 +43,14 @@ def run(config: Evaluate) -> str:
     """`neugrasp evaluate`: the table of the whole, where the numbers are, and what to do next."""
     table = metrics_table(evaluate(config))
     objects = [] if config.objects is None else ["--objects", config.objects]
-    then = (next_step("failures", config.out, *objects), next_step("story", config.out, 0, *objects))
+    then = (
+        next_step("failures", config.out, *objects),
+        next_step("inspect-episode", config.out, 0, *objects),
+    )
     return "\n".join([table, "", str(config.out / "metrics.json"), *then])
 
 
-def evaluate(config: Evaluate, make_photographer: MakePhotographer | None = None) -> dict[str, Any]:
+def evaluate(config: Evaluate, make_scene_renderer: MakeSceneRenderer | None = None) -> dict[str, Any]:
     """Plays the rounds that `config.out` does not hold yet and returns what metrics.json says of all.
 
     Rounds that crashed are tried again. Raises `InputError` where an option cannot be used or the folder
@@ -55,15 +58,15 @@ def evaluate(config: Evaluate, make_photographer: MakePhotographer | None = None
     """
     config = with_cell(config)
     facts, wanted = _checked(config)
-    with held(config.out, "evaluate"):
-        begun_as(config.out / "run.json", facts, "evaluation", young=CONTENTS)
+    with lock_folder(config.out, "evaluate"):
+        check_run_config(config.out / "run.json", facts, "evaluation", young=CONTENTS)
         files = [round_file(config.out, index) for index in range(wanted)]
         found = [read_episode(path) for path in files if path.is_file()]
         kept = {episode.index for episode in found if episode.ending != CRASHED}
         missing = [index for index in range(wanted) if index not in kept]
         progress = _Progress(wanted, [e for e in found if e.index in kept])
         reached("rounds", len(kept), wanted)
-        with closing(play_all(config, missing, make_photographer or photographer_for(config))) as played:
+        with closing(play_all(config, missing, make_scene_renderer or photographer_for(config))) as played:
             for episode in played:
                 write_episode(round_file(config.out, episode.index), episode)
                 progress.add(episode)
@@ -95,7 +98,7 @@ def round_file(out: Path, index: int) -> Path:
     return out / "rounds" / f"{index:06d}.json"
 
 
-def photographer_for(config: Evaluate) -> MakePhotographer:
+def photographer_for(config: Evaluate) -> MakeSceneRenderer:
     """What renders for the detector of an evaluation."""
     settings = RenderSettings(samples=config.samples)
     if config.depth != "stereo":

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from neugrasp.evaluation.episode import CRASHED, ENDINGS, NOTHING_REACHABLE, Attempt, Episode
-from neugrasp.evaluation.protocols import Protocol
+from neugrasp.evaluation.protocols import EvaluationRules
 from neugrasp.metrics import wilson_interval
 from neugrasp.robot.pick import DROPPED, REASONS, SUCCESS
 
@@ -20,7 +20,7 @@ TIMES = ("seconds_per_round", "seconds_by_stage", "rounds_per_hour_and_worker")
 """The entries that a second run of the same command need not repeat."""
 
 
-def scores(episodes: Sequence[Episode], protocol: Protocol) -> dict[str, Any]:
+def scores(episodes: Sequence[Episode], protocol: EvaluationRules) -> dict[str, Any]:
     """The entries of metrics.json that follow from the rounds; percentages and L1 are None where nothing was
     counted. Crashed rounds are listed and counted nowhere else."""
     played = [episode for episode in episodes if episode.ending != CRASHED]
@@ -50,7 +50,7 @@ def scores(episodes: Sequence[Episode], protocol: Protocol) -> dict[str, Any]:
     }
 
 
-def counted_in_dr(played: Sequence[Episode], protocol: Protocol) -> list[Episode]:
+def counted_in_dr(played: Sequence[Episode], protocol: EvaluationRules) -> list[Episode]:
     """The rounds whose objects stand in the denominator of DR."""
     return [e for e in played if e.attempts or protocol.count_silent_rounds]
 

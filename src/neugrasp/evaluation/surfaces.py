@@ -12,10 +12,10 @@ from PIL import Image as Picture
 
 from neugrasp.detection.contract import Detection
 from neugrasp.errors import NeuGraspError
-from neugrasp.evaluation.bench import Bench
 from neugrasp.evaluation.commands import Evaluate
+from neugrasp.evaluation.episode_runner import EpisodeRunner
 from neugrasp.evaluation.run import photographer_for
-from neugrasp.evaluation.workers import MakePhotographer, open_bench
+from neugrasp.evaluation.workers import MakeSceneRenderer, open_runner
 from neugrasp.grasp import Grasps
 from neugrasp.gripper import Gripper
 from neugrasp.observation import Image, Observation
@@ -33,11 +33,11 @@ EDGE = 320
 
 
 def write_surfaces(
-    path: Path, evaluations: Sequence[Evaluate], make_photographer: MakePhotographer | None = None
+    path: Path, evaluations: Sequence[Evaluate], make_scene_renderer: MakeSceneRenderer | None = None
 ) -> None:
     """One row for each of the first rounds: a photo, the true surface, and that of each detector."""
     columns = [
-        _column(each, make_photographer, with_truth=not index)
+        _column(each, make_scene_renderer, with_truth=not index)
         for index, each in enumerate(counted(evaluations, "detectors"))
     ]
     rows = [[tile for column in columns for tile in column[scene]] for scene in range(SCENES)]
@@ -49,26 +49,26 @@ def write_surfaces(
 
 
 def _column(
-    config: Evaluate, make_photographer: MakePhotographer | None, with_truth: bool
+    config: Evaluate, make_scene_renderer: MakeSceneRenderer | None, with_truth: bool
 ) -> list[list[Tile]]:
     """The tiles of a detector, scene by scene; those that all share come with the first."""
-    make = make_photographer or photographer_for(config)
-    with open_bench(replace(config, workers=1), make, 1) as bench:
+    make = make_scene_renderer or photographer_for(config)
+    with open_runner(replace(config, workers=1), make, 1) as runner:
         found = []
         for index in range(SCENES):
-            seen, tiles = bench.look(index), []
+            seen, tiles = runner.capture(index), []
             if with_truth:
-                truth = TruthCamera(bench.world).look()
-                tiles = [Tile(_sized(_photo(seen)), f"round {index}"), Tile(_true(bench, truth), "truth")]
-            found.append([*tiles, Tile(_seen_by(bench, seen), config.detector)])
+                truth = TruthCamera(runner.world).capture()
+                tiles = [Tile(_sized(_photo(seen)), f"round {index}"), Tile(_true(runner, truth), "truth")]
+            found.append([*tiles, Tile(_seen_by(runner, seen), config.detector)])
         return found
 
 
-def _seen_by(bench: Bench, seen: Observation) -> Image:
+def _seen_by(runner: EpisodeRunner, seen: Observation) -> Image:
     try:
-        return _surface(bench.detector.detect(seen))
+        return _surface(runner.detector.detect(seen))
     except NeuGraspError as error:
-        log.warning("%s: %s", bench.config.detector, error)
+        log.warning("%s: %s", runner.config.detector, error)
         return np.full((EDGE, EDGE, 3), 255, np.uint8)
 
 
@@ -78,8 +78,8 @@ def _surface(found: Detection) -> Image:
     return _sized(shown)
 
 
-def _true(bench: Bench, truth: Truth) -> Image:
-    gripper = Gripper.load(bench.config.gripper)
+def _true(runner: EpisodeRunner, truth: Truth) -> Image:
+    gripper = Gripper.load(runner.config.gripper)
     return _surface(Detection(Grasps.of(()), truth.workspace, gripper, truth.tsdf.values))
 
 

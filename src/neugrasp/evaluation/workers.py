@@ -1,4 +1,4 @@
-"""Rounds shared among workers, each with a bench of its own."""
+"""Rounds shared among workers, each with a runner of its own."""
 
 from __future__ import annotations
 
@@ -8,52 +8,52 @@ from functools import partial
 
 import torch
 
-from neugrasp.evaluation.bench import Bench, needs_photographer
 from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.episode import Episode
-from neugrasp.evaluation.protocols import Protocol as Rules
+from neugrasp.evaluation.episode_runner import EpisodeRunner, needs_scene_renderer
+from neugrasp.evaluation.protocols import EvaluationRules
 from neugrasp.parallel.choice import crew_for
 from neugrasp.parallel.crew import spread
-from neugrasp.simulation.cell_photos import Photographer
+from neugrasp.simulation.cell_photos import SceneRenderer
 
-MakePhotographer = Callable[[int], AbstractContextManager[Photographer]]
-"""Number of threads -> a photographer to be used in a with statement."""
+MakeSceneRenderer = Callable[[int], AbstractContextManager[SceneRenderer]]
+"""Number of threads -> a scene renderer to be used in a with statement."""
 
 
 def play_all(
-    config: Evaluate, indices: list[int], make_photographer: MakePhotographer
+    config: Evaluate, indices: list[int], make_scene_renderer: MakeSceneRenderer
 ) -> Generator[Episode, None, None]:
     """The rounds as they are finished, in no particular order."""
     if not indices:
         return
     crew, threads = crew_for(config.workers, len(indices), config.cluster)
-    opener = partial(_rounds, config, make_photographer, threads)
+    opener = partial(_rounds, config, make_scene_renderer, threads)
     yield from spread(crew, opener, ([index] for index in indices))
 
 
 @contextmanager
-def open_bench(
+def open_runner(
     config: Evaluate,
-    make_photographer: MakePhotographer,
+    make_scene_renderer: MakeSceneRenderer,
     threads: int,
-    rules: Rules | None = None,
+    rules: EvaluationRules | None = None,
     speed: float = 1.0,
-) -> Iterator[Bench]:
-    """A bench with its world and its photographer, who may use so many threads."""
-    photographer = make_photographer(threads) if needs_photographer(config) else nullcontext()
-    with photographer as one:
-        bench = Bench(config, one, rules, speed)
-        with bench.world:
-            yield bench
+) -> Iterator[EpisodeRunner]:
+    """A runner with its world and its scene renderer, which may use so many threads."""
+    scene_renderer = make_scene_renderer(threads) if needs_scene_renderer(config) else nullcontext()
+    with scene_renderer as one:
+        runner = EpisodeRunner(config, one, rules, speed)
+        with runner.world:
+            yield runner
 
 
 @contextmanager
 def _rounds(
-    config: Evaluate, make_photographer: MakePhotographer, threads: int
+    config: Evaluate, make_scene_renderer: MakeSceneRenderer, threads: int
 ) -> Iterator[Callable[[int], Episode]]:
     """What plays a round of a number."""
-    with _one_thread(), open_bench(config, make_photographer, threads) as bench:
-        yield bench.play
+    with _one_thread(), open_runner(config, make_scene_renderer, threads) as runner:
+        yield runner.play
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from PIL import ImageDraw
 
 from neugrasp.errors import InputError
 from neugrasp.figures.embedding import principal_components, share_of_like_neighbours, tsne
-from neugrasp.figures.subject import Subject
+from neugrasp.figures.figure_inputs import FigureInput
 from neugrasp.geometry.pose import Array
 from neugrasp.model.inputs import ViewTensors, prepare
 from neugrasp.model.network import NeuGrasp
@@ -68,16 +68,16 @@ class FeatureMaps:
 
 
 @torch.no_grad()
-def feature_maps(subject: Subject, model: NeuGrasp) -> FeatureMaps:
+def feature_maps(source: FigureInput, model: NeuGrasp) -> FeatureMaps:
     """The maps of all photos. Raises `InputError` for a model without residual attention."""
     if model.residual is None:
         raise InputError(
             "these weights are of a model without residual attention; there is nothing to compare"
         )
-    inputs = prepare(subject.views, model.config.image_size)
+    inputs = prepare(source.views, model.config.image_size)
     scene = model.encode(inputs.images)
     attentive = model.residual(scene, model.encode(inputs.backgrounds))
-    kinds = _kinds(subject, inputs, scene.shape[-1])
+    kinds = _kinds(source, inputs, scene.shape[-1])
     return FeatureMaps(
         _last(inputs.images).astype(np.float32),
         _last(scene),
@@ -88,23 +88,23 @@ def feature_maps(subject: Subject, model: NeuGrasp) -> FeatureMaps:
     )
 
 
-def features_figure(subject: Subject, model: NeuGrasp, rng: np.random.Generator) -> Image:
+def features_figure(source: FigureInput, model: NeuGrasp, rng: np.random.Generator) -> Image:
     """Above: a photo and both feature maps, their first three principal components as red, green and blue.
     Below: what is where, and both kinds of features of some pixels of all photos by t-SNE."""
-    maps = feature_maps(subject, model)
+    maps = feature_maps(source, model)
     chosen = sample(maps.kinds.reshape(-1), maps.measured.reshape(-1), rng, PIXELS)
     kinds = maps.kinds.reshape(-1)[chosen]
-    seen = maps.measured[subject.index]
+    seen = maps.measured[source.index]
 
     def tile(image: NDArray[np.generic], caption: str) -> Tile:
         return Tile(_enlarged(image, seen), caption)
 
     columns = [(maps.scene, "scene features"), (maps.attentive, "foreground-attentive features")]
-    above = [tile(maps.photos[subject.index] * 255, f"{subject.name}, photo {subject.index}")]
+    above = [tile(maps.photos[source.index] * 255, f"{source.name}, photo {source.index}")]
     legend = "objects by colour, table grey" if maps.are_known else "blue: what differs from the background"
-    below = [tile(paint(maps.kinds[subject.index]), legend)]
+    below = [tile(paint(maps.kinds[source.index]), legend)]
     for features, words in columns:
-        above.append(tile(component_colours(features, maps.measured)[subject.index], f"{words}, PCA"))
+        above.append(tile(component_colours(features, maps.measured)[source.index], f"{words}, PCA"))
         vectors = features.reshape(-1, features.shape[-1])[chosen]
         share = share_of_like_neighbours(vectors, kinds > 0, NEIGHBOURS)
         height, width = below[0].image.shape[:2]
@@ -155,12 +155,12 @@ def scatter(points: Array, colours: NDArray[np.uint8], size: tuple[int, int]) ->
     return np.asarray(picture.resize(size, Picture.Resampling.BOX))
 
 
-def _kinds(subject: Subject, inputs: ViewTensors, size: int) -> NDArray[np.int64] | None:
+def _kinds(source: FigureInput, inputs: ViewTensors, size: int) -> NDArray[np.int64] | None:
     """From the masks, where there are some of the photos as the network sees them."""
-    if subject.truth is None or subject.truth.masks.shape[1:] != tuple(inputs.images.shape[2:]):
+    if source.truth is None or source.truth.masks.shape[1:] != tuple(inputs.images.shape[2:]):
         return None
-    step = subject.truth.masks.shape[1] // size
-    return subject.truth.masks[:, step // 2 :: step, step // 2 :: step].clip(0).astype(np.int64)
+    step = source.truth.masks.shape[1] // size
+    return source.truth.masks[:, step // 2 :: step, step // 2 :: step].clip(0).astype(np.int64)
 
 
 def _changed(inputs: ViewTensors, size: int) -> NDArray[np.int64]:

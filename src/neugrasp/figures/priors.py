@@ -10,7 +10,7 @@ import numpy as np
 from neugrasp.detection.contract import Detection
 from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
-from neugrasp.figures.subject import Subject
+from neugrasp.figures.figure_inputs import FigureInput
 from neugrasp.gripper import Gripper
 from neugrasp.metrics import l1_by_mask
 from neugrasp.observation import Image, View, Views
@@ -41,18 +41,18 @@ class Variant:
     detection: Detection
 
 
-def priors_figure(subject: Subject, detector: NeuGraspDetector, other: NeuGraspDetector | None) -> Image:
+def priors_figure(source: FigureInput, detector: NeuGraspDetector, other: NeuGraspDetector | None) -> Image:
     """The photo with the best grasps above the surface from two sides, a column for each variant; in the
     first column the truth, where it is known.
 
     `other` is a model that was trained without backgrounds. Without it, the second and third column show the
     same model with its backgrounds taken away, which it never was in training.
     """
-    front = photo_of_workspace(subject.view, subject.views.workspace, SIZE)
-    back = opposite(front, subject.views.workspace)
-    columns = [_given(subject, front, back)]
-    for variant in variants(subject.views, detector, other):
-        columns.append(_column(variant, subject, (front, back), detector.gripper))
+    front = photo_of_workspace(source.view, source.views.workspace, SIZE)
+    back = opposite(front, source.views.workspace)
+    columns = [_given(source, front, back)]
+    for variant in variants(source.views, detector, other):
+        columns.append(_column(variant, source, (front, back), detector.gripper))
     tiles = [column[row] for row in range(3) for column in columns]
     title = (
         "With and without backgrounds: the same weights, their background taken away (not trained so)"
@@ -100,13 +100,13 @@ def replace_backgrounds(views: Views, change: Callable[[View], Image]) -> Views:
     return replace(views, frames=changed)
 
 
-def _given(subject: Subject, front: View, back: View) -> list[Tile]:
+def _given(source: FigureInput, front: View, back: View) -> list[Tile]:
     """The first column: the photo, and the truth or the empty table."""
-    photo = Tile(front.image, f"{subject.name}, photo {subject.index}")
-    if subject.truth is None:
+    photo = Tile(front.image, f"{source.name}, photo {source.index}")
+    if source.truth is None:
         blank = np.full_like(back.image, 255)
         return [photo, Tile(front.background, "empty table"), Tile(blank, "")]
-    grid, workspace = free_where_unseen(subject.truth.tsdf), subject.views.workspace
+    grid, workspace = free_where_unseen(source.truth.tsdf), source.views.workspace
     return [
         photo,
         Tile(shade_surface(grid, workspace, front.camera, SIZE), "true surface"),
@@ -114,17 +114,17 @@ def _given(subject: Subject, front: View, back: View) -> list[Tile]:
     ]
 
 
-def _column(variant: Variant, subject: Subject, sides: tuple[View, View], gripper: Gripper) -> list[Tile]:
+def _column(variant: Variant, source: FigureInput, sides: tuple[View, View], gripper: Gripper) -> list[Tile]:
     """What one variant found, from above: grasps, surface, surface from the other side."""
-    detection, workspace = variant.detection, subject.views.workspace
+    detection, workspace = variant.detection, source.views.workspace
     front, back = (shade_surface(detection.grid(), workspace, side.camera, SIZE) for side in sides)
     count = len(detection.grasps)
     found = (
         f"{count} grasp{'s' * (count > 1)}, best {detection.grasps[0].score:.2f}" if count else "no grasps"
     )
     error = ""
-    if subject.truth is not None:
-        error = f"L1 {l1_by_mask(detection.grid(), subject.truth.tsdf)[MASK]:.3f}"
+    if source.truth is not None:
+        error = f"L1 {l1_by_mask(detection.grid(), source.truth.tsdf)[MASK]:.3f}"
     return [
         Tile(draw_grasps(sides[0], detection.grasps[:DRAWN], gripper, 1), variant.words),
         Tile(front, found),

@@ -12,8 +12,8 @@ from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.errors import InputError
 from neugrasp.figures.command import DEFAULT_SCENE, Figure
 from neugrasp.figures.features import features_figure
+from neugrasp.figures.figure_inputs import open_figure_input
 from neugrasp.figures.priors import priors_figure
-from neugrasp.figures.subject import open_subject
 from neugrasp.figures.trajectory import trajectory_figure
 from neugrasp.observation import Image
 from neugrasp.output import whole_file
@@ -39,9 +39,9 @@ def _drawn(config: Figure) -> Image:
     load = partial(
         NeuGraspDetector.load, gripper=config.gripper, device=config.device, precision=config.precision
     )
-    subject, detector = open_subject(config.scene, config.view), load(config.weights)
+    source, detector = open_figure_input(config.scene, config.view), load(config.weights)
     if config.which == "features":
-        return features_figure(subject, detector.model, np.random.default_rng(config.seed))
+        return features_figure(source, detector.model, np.random.default_rng(config.seed))
     if config.which == "priors":
-        return priors_figure(subject, detector, None if config.without is None else load(config.without))
-    return trajectory_figure(subject, detector.detect(subject.views), detector.gripper)
+        return priors_figure(source, detector, None if config.without is None else load(config.without))
+    return trajectory_figure(source, detector.detect(source.views), detector.gripper)

@@ -8,9 +8,9 @@ import numpy as np
 
 from neugrasp.detection.contract import Detection
 from neugrasp.detection.explanation import explain
+from neugrasp.figures.figure_inputs import FigureInput
 from neugrasp.figures.space import OVERSAMPLING, Canvas, Colour
 from neugrasp.figures.sphere import eye_that_sees, from_spherical, spherical, way_between
-from neugrasp.figures.subject import Subject
 from neugrasp.geometry.pose import Array, apply, inverse
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import APPROACH, Grasp
@@ -38,12 +38,12 @@ FRONT = 0.2
 """How much it counts, against seeing the hand's full face, that it is seen from the side of the cameras."""
 
 
-def trajectory_figure(subject: Subject, detection: Detection, gripper: Gripper) -> Image:
+def trajectory_figure(source: FigureInput, detection: Detection, gripper: Gripper) -> Image:
     """Left: the cameras with their photos on the way between them, over the surface. Right: the hand before
     the best grasp, at it, and after its retreat."""
-    here = replace(subject.views.workspace, world_from_workspace=np.eye(4))
-    from_world = inverse(subject.views.workspace.world_from_workspace)
-    photos = [photo_of_workspace(view, subject.views.workspace, 300) for view in subject.views.frames]
+    here = replace(source.views.workspace, world_from_workspace=np.eye(4))
+    from_world = inverse(source.views.workspace.world_from_workspace)
+    photos = [photo_of_workspace(view, source.views.workspace, 300) for view in source.views.frames]
     photos = [replace(photo, camera=photo.camera.moved(from_world)) for photo in photos]
     places = spherical(np.array([photo.camera.centre for photo in photos]), here)
     polar, azimuth = np.rad2deg(places[:, :2]).T
@@ -59,7 +59,7 @@ def trajectory_figure(subject: Subject, detection: Detection, gripper: Gripper) 
     else:
         blank = np.full((SIZE[1], SIZE[0], 3), 255, dtype=np.uint8)
         tiles.append(Tile(blank, f"no grasp: {explain(detection)}"))
-    return contact_sheet(tiles, columns=2, title=f"{subject.name}: the way of the camera and of the hand")
+    return contact_sheet(tiles, columns=2, title=f"{source.name}: the way of the camera and of the hand")
 
 
 def cameras_picture(photos: list[View], detection: Detection, workspace: Workspace) -> Image:

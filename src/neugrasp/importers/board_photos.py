@@ -13,12 +13,12 @@ from neugrasp.data.strict_json import read_object
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, apply, inverse
 from neugrasp.importers.board import Board
-from neugrasp.importers.lens import Lens
+from neugrasp.importers.distortion import Lens
 from neugrasp.importers.markers import Sighting, calibrate, find_board, other_markers
 from neugrasp.importers.photo_folder import PhotoFolder
 from neugrasp.importers.photos import Pair
+from neugrasp.importers.posed_image import PosedImage
 from neugrasp.importers.robot_poses import camera_of
-from neugrasp.importers.shots import Shot
 from neugrasp.progress import counted
 
 STILL = 1.0
@@ -27,7 +27,7 @@ STILL = 1.0
 logger = logging.getLogger(__name__)
 
 
-def board_shots(folder: Path, pairs: Mapping[str, Pair], board: Board) -> list[Shot]:
+def posed_by_board(folder: Path, pairs: Mapping[str, Pair], board: Board) -> list[PosedImage]:
     """The camera of every pair in the board's frame. Raises `InputError` where a photo shows no board."""
     lens = _lens(folder, pairs, board)
     return [_shot(name, pair, lens, board) for name, pair in counted(pairs.items(), "photos")]
@@ -40,17 +40,17 @@ def strangers(board: Board, pairs: Mapping[str, Pair]) -> str:
     return f". {file}: {seen}" if seen else ""
 
 
-def sight(board: Board, pair: Pair, shot: Shot) -> Sighting | None:
+def sight(board: Board, pair: Pair, posed: PosedImage) -> Sighting | None:
     """The board as the camera of the image sees it: in the background, where nothing covers it and the camera
     stood still, or in the image."""
-    if shot.world_from_background is None:
-        in_background = _in_photo(board, pair.background, shot.lens)
+    if posed.world_from_background is None:
+        in_background = _in_photo(board, pair.background, posed.lens)
         if in_background is not None:
             return in_background
-    return _in_photo(board, pair.image, shot.lens)
+    return _in_photo(board, pair.image, posed.lens)
 
 
-def _shot(name: str, pair: Pair, lens: Lens, board: Board) -> Shot:
+def _shot(name: str, pair: Pair, lens: Lens, board: Board) -> PosedImage:
     background, image = (_in_photo(board, file, lens) for file in (pair.background, pair.image))
     if background is None:
         text = f"{pair.background}: the board is not found; it must lie flat, whole and sharp in the photo"
@@ -60,8 +60,8 @@ def _shot(name: str, pair: Pair, lens: Lens, board: Board) -> Shot:
     if image is None:
         logger.warning("%s: the board is not found; the camera is taken to have stood still", pair.image)
     if image is None or _motion(board, lens, image, background) < STILL:
-        return Shot(name, lens, world_from_background)
-    return Shot(name, lens, inverse(image.camera_from_board), world_from_background)
+        return PosedImage(name, lens, world_from_background)
+    return PosedImage(name, lens, inverse(image.camera_from_board), world_from_background)
 
 
 def _motion(board: Board, lens: Lens, one: Sighting, other: Sighting) -> float:

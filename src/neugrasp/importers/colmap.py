@@ -13,7 +13,7 @@ from neugrasp.data.user_files import check_name, read_bytes, read_text
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, from_quaternion, inverse
 from neugrasp.importers.colmap_cameras import MODELS, ColmapCamera, model_of
-from neugrasp.importers.shots import Listed, Shot
+from neugrasp.importers.posed_image import Listed, PosedImage
 
 Cameras = dict[int, ColmapCamera]
 OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -67,7 +67,7 @@ def _listed(file: Path, name: str, pose: Sequence[float], camera: int, cameras: 
     return Listed(name, lambda: _shot(file, name, pose, cameras[camera]))
 
 
-def _shot(file: Path, name: str, pose: Sequence[float], camera: ColmapCamera) -> Shot:
+def _shot(file: Path, name: str, pose: Sequence[float], camera: ColmapCamera) -> PosedImage:
     if not np.all(np.isfinite(pose)) or np.abs(pose).max() > 1e9:
         raise InputError(f"{file}: {name}: the pose is not finite; is the file damaged?")
     norm = float(np.linalg.norm(pose[:4]))
@@ -78,7 +78,9 @@ def _shot(file: Path, name: str, pose: Sequence[float], camera: ColmapCamera) ->
     w, x, y, z = pose[:4]
     written = from_quaternion([x, y, z, w], np.array(pose[4:]))
     reordered = from_quaternion([w, x, y, z], np.array(pose[4:]))
-    return Shot(name, camera.lens(), inverse(written), suspects=_suspects(file.name, written, reordered))
+    return PosedImage(
+        name, camera.lens(), inverse(written), suspects=_suspects(file.name, written, reordered)
+    )
 
 
 def _suspects(file: str, written: Array, reordered: Array) -> dict[str, Array]:

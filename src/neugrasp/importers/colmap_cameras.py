@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from neugrasp.errors import InputError
-from neugrasp.importers.lens import Lens, lens_from_corner
+from neugrasp.importers.distortion import Lens, lens_from_corner
 
 MODELS = {
     "SIMPLE_PINHOLE": 3,

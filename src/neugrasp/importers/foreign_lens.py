@@ -13,7 +13,7 @@ from neugrasp.data.camera_checks import numbers
 from neugrasp.data.spelling import plain
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array
-from neugrasp.importers.lens import Lens, checked
+from neugrasp.importers.distortion import Lens, checked
 from neugrasp.importers.lens_keys import HIGHER, Entry, LensEntry, entry_of, is_other_lens, model_name
 
 Size = tuple[float, float]

@@ -14,7 +14,7 @@ from neugrasp.geometry.pose import Array, inverse, rigid
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.importers.alignment import align
 from neugrasp.importers.photos import Pair
-from neugrasp.importers.shots import Shot
+from neugrasp.importers.posed_image import PosedImage
 from neugrasp.importers.table_agreement import TablePhoto, agreement, table_points
 
 TOOLS = np.arange(0.02, 0.3001, 0.0025)
@@ -25,28 +25,33 @@ CLEAR = 0.25
 """By how much they must agree better."""
 
 Mistake = tuple[str, list[Array]]
-"""Its name, and world_from_camera of all shots once it is undone."""
+"""Its name, and world_from_camera of all posed images once it is undone."""
 Agreement = Callable[[list[Array]], float | None]
 """How well the photos of the table agree for some poses."""
 
 
-def check_poses(shots: Sequence[Shot], pairs: Mapping[str, Pair], workspace: Workspace, where: str) -> None:
+def check_poses(
+    posed_images: Sequence[PosedImage], pairs: Mapping[str, Pair], workspace: Workspace, where: str
+) -> None:
     """Raises `InputError` where most cameras do not look down at the cube, or where the photos of the empty
     table contradict each other, and one of the common mistakes, undone, would mend that.
 
     Where no mistake is known, what is said of the scene later has to do; a table without a pattern tells
     nothing.
     """
-    still = [shot for shot in shots if shot.world_from_background is None]
+    still = [posed for posed in posed_images if posed.world_from_background is None]
     agree = _agreement(still, pairs, workspace)
-    if sum(_plausible(shots, [shot.world_from_camera for shot in shots], workspace)) <= len(shots) / 2:
+    if (
+        sum(_plausible(posed_images, [posed.world_from_camera for posed in posed_images], workspace))
+        <= len(posed_images) / 2
+    ):
         usual, rare = (
-            [one for one in some if all(_plausible(shots, one[1], workspace))]
-            for some in (_mistakes(shots), _rare_mistakes(shots))
+            [one for one in some if all(_plausible(posed_images, one[1], workspace))]
+            for some in (_mistakes(posed_images), _rare_mistakes(posed_images))
         )
         likely = [name for name, poses in (*usual, *rare) if (agree(poses) or 0.0) > CONVINCING]
         cube_from_world = inverse(workspace.world_from_workspace)
-        heights = [(cube_from_world @ shot.world_from_camera)[2, 3] for shot in shots]
+        heights = [(cube_from_world @ posed.world_from_camera)[2, 3] for posed in posed_images]
         if not likely and max(heights) < workspace.table_height:
             raise InputError(
                 f"{where}: all cameras lie below the table of the cube; the z axis of world_from_workspace "
@@ -57,7 +62,7 @@ def check_poses(shots: Sequence[Shot], pairs: Mapping[str, Pair], workspace: Wor
             raise InputError(f"{where}: the cameras do not look down at the workspace; {text}")
         return
     # Poses so wrong that no two photos share a part of the table agree about nothing.
-    given = agree([shot.world_from_camera for shot in still]) or 0.0
+    given = agree([posed.world_from_camera for posed in still]) or 0.0
     if given >= DOUBTFUL:
         return
     tried = [
@@ -74,10 +79,12 @@ def check_poses(shots: Sequence[Shot], pairs: Mapping[str, Pair], workspace: Wor
         )
 
 
-def explained(error: str, shots: Sequence[Shot], world_from_camera: Sequence[Array], has_unit: bool) -> str:
+def explained(
+    error: str, posed_images: Sequence[PosedImage], world_from_camera: Sequence[Array], has_unit: bool
+) -> str:
     """The error of an alignment with the mistake, undone, that makes it fit best."""
     fitting = []
-    for name, poses in (*_mistakes(shots), *(_tools(shots) if has_unit else ())):
+    for name, poses in (*_mistakes(posed_images), *(_tools(posed_images) if has_unit else ())):
         try:
             fitting.append((align(poses, world_from_camera, has_unit).residual, name))
         except InputError:
@@ -88,37 +95,42 @@ def explained(error: str, shots: Sequence[Shot], world_from_camera: Sequence[Arr
     return f"{error} {name[0].upper()}{name[1:]}"
 
 
-def _plausible(shots: Sequence[Shot], poses: Sequence[Array], workspace: Workspace) -> list[bool]:
+def _plausible(
+    posed_images: Sequence[PosedImage], poses: Sequence[Array], workspace: Workspace
+) -> list[bool]:
     return [
-        is_plausible(Camera(shot.lens.intrinsics, pose, shot.lens.width, shot.lens.height), workspace)
-        for shot, pose in zip(shots, poses, strict=True)
+        is_plausible(Camera(posed.lens.intrinsics, pose, posed.lens.width, posed.lens.height), workspace)
+        for posed, pose in zip(posed_images, poses, strict=True)
     ]
 
 
-def _agreement(shots: Sequence[Shot], pairs: Mapping[str, Pair], workspace: Workspace) -> Agreement:
-    """Of the backgrounds of the shots, which are read when they are asked for."""
+def _agreement(
+    posed_images: Sequence[PosedImage], pairs: Mapping[str, Pair], workspace: Workspace
+) -> Agreement:
+    """Of the backgrounds of the posed images, which are read when they are asked for."""
     photos: list[TablePhoto] = []
     points = table_points(workspace)
 
     def agree(poses: list[Array]) -> float | None:
-        if len(poses) != len(shots) or len(poses) < 2:
+        if len(poses) != len(posed_images) or len(poses) < 2:
             return None
         if not photos:
             photos.extend(
-                TablePhoto.of(read_image(pairs[shot.name].background, shot.name), shot.lens) for shot in shots
+                TablePhoto.of(read_image(pairs[posed.name].background, posed.name), posed.lens)
+                for posed in posed_images
             )
         return agreement(photos, poses, points)
 
     return agree
 
 
-def _mistakes(shots: Sequence[Shot]) -> Iterator[Mistake]:
-    """Those that all of the shots could have."""
-    return _of_all([shot.suspects for shot in shots])
+def _mistakes(posed_images: Sequence[PosedImage]) -> Iterator[Mistake]:
+    """Those that all of the posed images could have."""
+    return _of_all([posed.suspects for posed in posed_images])
 
 
-def _rare_mistakes(shots: Sequence[Shot]) -> Iterator[Mistake]:
-    return _of_all([shot.rare_suspects for shot in shots])
+def _rare_mistakes(posed_images: Sequence[PosedImage]) -> Iterator[Mistake]:
+    return _of_all([posed.rare_suspects for posed in posed_images])
 
 
 def _of_all(suspects: Sequence[Mapping[str, Array]]) -> Iterator[Mistake]:
@@ -127,17 +139,17 @@ def _of_all(suspects: Sequence[Mapping[str, Array]]) -> Iterator[Mistake]:
             yield name, [some[name] for some in suspects]
 
 
-def _tools(shots: Sequence[Shot]) -> Iterator[Mistake]:
+def _tools(posed_images: Sequence[PosedImage]) -> Iterator[Mistake]:
     """The poses of a tool's tip given for those of the flange, for tools of many lengths."""
-    axes = [shot.flange_axis for shot in shots if shot.flange_axis is not None]
-    if len(axes) < len(shots):
+    axes = [posed.flange_axis for posed in posed_images if posed.flange_axis is not None]
+    if len(axes) < len(posed_images):
         return
     for length in TOOLS:
         yield (
             f"base_from_flange looks like the pose of a tool's tip (TCP), {1000 * length:.0f} mm beyond the "
             "flange: give the pose of the flange itself",
             [
-                rigid(shot.world_from_camera[:3, :3], shot.world_from_camera[:3, 3] - length * axis)
-                for shot, axis in zip(shots, axes, strict=True)
+                rigid(posed.world_from_camera[:3, :3], posed.world_from_camera[:3, 3] - length * axis)
+                for posed, axis in zip(posed_images, axes, strict=True)
             ],
         )

@@ -19,7 +19,7 @@ from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, inverse, rigid
 from neugrasp.importers.foreign_lens import lens_of
 from neugrasp.importers.lens_keys import LENS_KEYS, check_lens_keys, is_lens_key
-from neugrasp.importers.shots import Listed, Shot
+from neugrasp.importers.posed_image import Listed, PosedImage
 
 FILE_KEYS = (
     *("frames", "applied_scale", "applied_transform", "orientation_override", "aabb_scale", "aabb", "scale"),
@@ -118,7 +118,7 @@ def _listed(data: dict[str, Any], frame: Any, where: str, size_of: SizeOf) -> Li
     return Listed(name, lambda: _shot(data, frame, where, name, size_of))
 
 
-def _shot(data: dict[str, Any], frame: dict[str, Any], where: str, name: str, size_of: SizeOf) -> Shot:
+def _shot(data: dict[str, Any], frame: dict[str, Any], where: str, name: str, size_of: SizeOf) -> PosedImage:
     check_lens_keys(data, FILE_KEYS, where)
     check_lens_keys(_without_convention(frame, where), FRAME_KEYS, where)
     matrix = frame.get("transform_matrix")
@@ -128,7 +128,7 @@ def _shot(data: dict[str, Any], frame: dict[str, Any], where: str, name: str, si
     lens = lens_of(frame, where, has_corner_origin=True, size_of=lambda: size_of(name), file=data)
     # The matrix that turns the axes is its own inverse.
     pose, suspects = written @ OPENCV_FROM_OPENGL, _suspects(written)
-    return Shot(name, lens, pose, suspects=suspects, rare_suspects=_rare_suspects(written))
+    return PosedImage(name, lens, pose, suspects=suspects, rare_suspects=_rare_suspects(written))
 
 
 def _suspects(written: Array) -> dict[str, Array]:

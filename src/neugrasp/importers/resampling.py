@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from neugrasp.geometry.camera import Box
 from neugrasp.geometry.pose import Array, inverse
-from neugrasp.importers.lens import Lens
+from neugrasp.importers.distortion import Lens
 from neugrasp.observation import Image
 
 SAME_PLACE = 0.05

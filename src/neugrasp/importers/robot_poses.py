@@ -31,11 +31,11 @@ from neugrasp.data.strict_json import read_object
 from neugrasp.data.user_files import check_name, read_text
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, from_quaternion, inverse, rigid
+from neugrasp.importers.distortion import Lens
 from neugrasp.importers.files import pose_of
 from neugrasp.importers.foreign_lens import lens_of
-from neugrasp.importers.lens import Lens
 from neugrasp.importers.lens_keys import LENS_KEYS, check_lens_keys, is_lens_key
-from neugrasp.importers.shots import Listed, Shot
+from neugrasp.importers.posed_image import Listed, PosedImage
 
 COLUMNS = ("image", "x", "y", "z", "qx", "qy", "qz", "qw")
 VECTOR_COLUMNS = ("image", "x", "y", "z", "rx", "ry", "rz")
@@ -101,7 +101,7 @@ def _listed(data: dict[str, Any], entry: dict[str, Any], where: str) -> Listed:
     return Listed(entry["image"], lambda: _shot(data, entry, where))
 
 
-def _shot(data: dict[str, Any], entry: dict[str, Any], where: str) -> Shot:
+def _shot(data: dict[str, Any], entry: dict[str, Any], where: str) -> PosedImage:
     """The view, and its background where that has a pose of its own."""
     lens = lens_of_view(data, entry, where)
     flange_from_camera = pose_of(data["flange_from_camera"], "flange_from_camera")
@@ -115,7 +115,7 @@ def _shot(data: dict[str, Any], entry: dict[str, Any], where: str) -> Shot:
         for mistake, pose in _suspects(data["flange_from_camera"], entry["base_from_flange"]).items()
     }
     world_from_camera = base_from_flange @ flange_from_camera
-    return Shot(
+    return PosedImage(
         entry["image"], lens, world_from_camera, world_from_background, suspects, base_from_flange[:3, 2]
     )
 

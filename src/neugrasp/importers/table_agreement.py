@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from neugrasp.geometry.pose import Array, apply, inverse
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.importers.lens import Lens
+from neugrasp.importers.distortion import Lens
 from neugrasp.importers.resampling import is_inside
 from neugrasp.observation import Image
 

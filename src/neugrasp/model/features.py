@@ -147,7 +147,7 @@ class ResidualAttention(nn.Module):
         return self.out(self.value(key) * gate)
 
 
-class ChangeFeatures(nn.Module):
+class ImageDifference(nn.Module):
     """What changed against the background, straight from the photos; zero where nothing did.
 
     The encoder's features differ from the background's everywhere: it normalises over the whole photo, so a

@@ -14,7 +14,7 @@ from neugrasp.geometry.sampling import LookupTable, sample_volume
 from neugrasp.geometry.workspace import USUAL, Workspace
 from neugrasp.model.chunked import map_chunked
 from neugrasp.model.config import ModelConfig
-from neugrasp.model.features import ChangeFeatures, FeatureNet, ResidualAttention
+from neugrasp.model.features import FeatureNet, ImageDifference, ResidualAttention
 from neugrasp.model.field import EncodedViews, SdfField, order_encoding
 from neugrasp.model.grasp_head import GraspHead, GraspVolume
 from neugrasp.model.inputs import ViewTensors
@@ -65,7 +65,7 @@ class NeuGrasp(nn.Module):
         uses_attention = config.use_backgrounds and config.use_residual_attention
         self.residual = ResidualAttention(config.feature_dim) if uses_attention else None
         uses_change = config.use_backgrounds and config.use_change
-        self.change = ChangeFeatures(config.feature_dim) if uses_change else None
+        self.change = ImageDifference(config.feature_dim) if uses_change else None
         self.volumes = VolumeNet(config)
         self.field = SdfField(config)
         self.head = GraspHead(config)

@@ -7,7 +7,7 @@ from pathlib import Path
 from neugrasp.data.scene_folder import write_scene
 from neugrasp.errors import InputError
 from neugrasp.evaluation.run import photographer_for
-from neugrasp.evaluation.workers import open_bench
+from neugrasp.evaluation.workers import open_runner
 from neugrasp.observation import with_backgrounds
 from neugrasp.operation.command import Capture, Run
 from neugrasp.operation.hardware import empty_folder, opened
@@ -30,12 +30,12 @@ def run(config: Capture) -> str:
         raise InputError(f"{config.out}: holds a scene already; choose another --out")
     if cell.is_twin:
         asked = evaluation_of(Run(config.cell, config.out, samples=config.samples), cell)
-        with open_bench(asked, photographer_for(asked), THREADS, speed=config.speed) as bench:
-            seen = bench.look(0)
+        with open_runner(asked, photographer_for(asked), THREADS, speed=config.speed) as runner:
+            seen = runner.capture(0)
     else:
         empty = read_empty(empty_folder(cell), cell.camera.camera)
         with opened(cell) as hardware:
-            seen = Photographs(hardware.camera, empty).look()
+            seen = Photographs(hardware.camera, empty).capture()
     write_scene(Path(config.out), with_backgrounds(seen))
     return "\n".join(
         [

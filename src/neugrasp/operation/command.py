@@ -19,8 +19,8 @@ class Run:
     cell: Path
     """The cell file (docs/robot.md); examples/cells/twin.toml is a simulated one."""
     out: Path = Path("outputs/run")
-    """Where run.json and rounds/ are written, as `neugrasp evaluate` does: `story`, `view` and `failures`
-    read them."""
+    """Where run.json and rounds/ are written, as `neugrasp evaluate` does: `inspect-episode`, `view` and
+    `failures` read them."""
     detector: str = "neugrasp"
     """As in `neugrasp evaluate`; oracle is told the true surface of a simulated table, and needs no
     photos."""

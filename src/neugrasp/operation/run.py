@@ -14,21 +14,21 @@ import numpy as np
 from neugrasp.detection.registry import detector_spec
 from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Evaluate
-from neugrasp.evaluation.declutter import Game, Log, declutter
+from neugrasp.evaluation.declutter import EpisodeConfig, Log, declutter
 from neugrasp.evaluation.episode import EMPTY, UNFINISHED, Attempt, Episode, read_episode, write_episode
 from neugrasp.evaluation.protocols import PROTOCOLS, strategy_of
 from neugrasp.evaluation.run import facts_of_rounds, photographer_for, round_file, with_cell
-from neugrasp.evaluation.workers import open_bench
+from neugrasp.evaluation.workers import open_runner
 from neugrasp.geometry.pose import Array
-from neugrasp.long_runs import begun_as, held
 from neugrasp.operation.check import findings_of
 from neugrasp.operation.command import Run
 from neugrasp.operation.hardware import empty_folder, opened
-from neugrasp.operation.seen_table import Nobody, SeenTable
+from neugrasp.operation.seen_table import NoGroundTruth, SeenTable
 from neugrasp.robot.cell_file import CellFile, read_cell, text_hash
 from neugrasp.robot.errors import RobotError
 from neugrasp.robot.interface import Robot
 from neugrasp.robot.wrist_camera import Photographs, read_empty
+from neugrasp.run_folder import check_run_config, lock_folder
 from neugrasp.terminal import next_step
 
 log = logging.getLogger(__name__)
@@ -45,9 +45,9 @@ def run(config: Run) -> str:
         raise InputError(f"--max-failures {config.max_failures}; it must be at least 1")
     cell = checked_cell(config.cell, config.speed)
     file = round_file(config.out, ROUND)
-    with held(config.out, "run"):
+    with lock_folder(config.out, "run"):
         facts = facts_of_rounds(evaluation_of(config, cell)) if cell.is_twin else _facts(config)
-        begun_as(config.out / "run.json", facts, "run")
+        check_run_config(config.out / "run.json", facts, "run")
         begun = read_episode(file) if file.is_file() else None
         if begun is None or begun.ending == UNFINISHED:
             clear = _clear_twin if cell.is_twin else _clear_table
@@ -124,13 +124,13 @@ def _clear_table(config: Run, cell: CellFile, told: _Told) -> Episode:
     detector = detector_spec(config.detector).load(replace(config.options(), gripper=cell.gripper.model))
     up: Array = cell.workspace.world_from_workspace[:3, 2]
     rules = replace(PROTOCOLS["paper"], max_failures=config.max_failures)
-    game = Game(rules, strategy_of(config.strategy), lambda i, j: np.random.default_rng([i, j]), up)
+    game = EpisodeConfig(rules, strategy_of(config.strategy), lambda i, j: np.random.default_rng([i, j]), up)
     empty = read_empty(empty_folder(cell), cell.camera.camera)
     with opened(cell) as hardware:
         table = SeenTable(Photographs(hardware.camera, empty))
         robot = Robot(table, hardware.manipulator, table)
         with _saying_where(told.file):
-            return declutter(game, ROUND, robot, detector, Nobody(), Log(told.begun, told))
+            return declutter(game, ROUND, robot, detector, NoGroundTruth(), Log(told.begun, told))
 
 
 @contextmanager
@@ -148,11 +148,11 @@ def _clear_twin(config: Run, cell: CellFile, told: _Told) -> Episode:
     assert cell.twin is not None
     asked = evaluation_of(config, cell)
     rules = replace(PROTOCOLS["paper"], max_failures=config.max_failures, num_objects=cell.twin.objects)
-    with open_bench(asked, photographer_for(asked), THREADS, rules=rules, speed=config.speed) as bench:
+    with open_runner(asked, photographer_for(asked), THREADS, rules=rules, speed=config.speed) as runner:
         if told.begun is not None:
             log.info("going on after %d picks", len(told.begun.attempts))
         with _saying_where(told.file):
-            return bench.play_on(ROUND, Log(told.begun, told))
+            return runner.play_on(ROUND, Log(told.begun, told))
 
 
 def _pick(attempt: Attempt) -> str:
@@ -180,6 +180,6 @@ def _summary(episode: Episode) -> Sequence[str]:
 
 def _next(config: Run) -> Sequence[str]:
     return (
-        next_step("story", config.out, ROUND, "--photos", "no"),
+        next_step("inspect-episode", config.out, ROUND, "--photos", "no"),
         next_step("view", config.out, "--round", ROUND),
     )

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from neugrasp.change import OBJECT, change_labels
+from neugrasp.change_mask import OBJECT, change_labels
 from neugrasp.detection.contract import Detection
-from neugrasp.evaluation.declutter import Judgement
+from neugrasp.evaluation.declutter import SurfaceError
 from neugrasp.observation import Views
 from neugrasp.robot.interface import Camera
 
@@ -23,9 +23,9 @@ class SeenTable:
         self._camera = camera
         self._shows_something = True
 
-    def look(self) -> Views:
+    def capture(self) -> Views:
         """The photos; they are remembered for the count."""
-        seen = self._camera.look()
+        seen = self._camera.capture()
         shares = [np.mean(change_labels(v.image, v.background) == OBJECT) for v in seen.frames]
         self._shows_something = max(map(float, shares)) > SMALLEST
         return seen
@@ -35,12 +35,12 @@ class SeenTable:
         return int(self._shows_something)
 
 
-class Nobody:
-    """Stands beside a real table and knows nothing."""
+class NoGroundTruth:
+    """Of a real table: nothing is known."""
 
-    def judge(self, detection: Detection) -> Judgement:
+    def surface_error(self, detection: Detection) -> SurfaceError:
         """Nothing."""
-        return Judgement({}, {})
+        return SurfaceError({}, {})
 
     def describe(self) -> dict[str, Any]:
         """Nothing."""

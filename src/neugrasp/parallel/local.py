@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from multiprocessing.util import Finalize
 from typing import Any
 
-from neugrasp.long_runs import end_with
 from neugrasp.parallel.crew import Opener, Worker, told
+from neugrasp.run_folder import exit_with_parent
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ _opened: list[Callable[[], Callable[[Any], Any]]] = []
 
 def _start(opener: Opener[Any, Any], parent: int) -> None:
     """Prepares a process; what it needs is opened with its first task."""
-    end_with(parent)
+    exit_with_parent(parent)
     closing = ExitStack()
     Finalize(None, closing.close, exitpriority=10)
     made: list[Callable[[Any], Any]] = []

@@ -67,7 +67,7 @@ class ArmHand:
         """Opens as far as it goes."""
         self._gripper.move(self.max_opening, self._places.force, GRIPPER_TIMEOUT_S)
 
-    def go_to(self, pose: Array) -> bool:
+    def move_to_pose(self, pose: Array) -> bool:
         """To the pre-grasp on the way that was planned; False where something was touched."""
         plan = self._planned()
         if not np.allclose(plan.grasp.pregrasp[:3, 3], pose[:3, 3], atol=1e-6):
@@ -100,7 +100,7 @@ class ArmHand:
         """Whether something is between the pads."""
         return self._gripper.holds()
 
-    def deliver(self) -> bool:
+    def place_in_bin(self) -> bool:
         """To where objects are dropped; whether something was still held there. Then out of sight."""
         plan = self._planned()
         here = self._joints()
@@ -109,10 +109,10 @@ class ArmHand:
         else:
             self._go(self._places.drop)
         held = self.holds()
-        self.leave()
+        self.retract()
         return held
 
-    def leave(self) -> None:
+    def retract(self) -> None:
         """Lets go and goes out of sight."""
         self.open()
         self._go(self._places.out_of_sight)

@@ -24,7 +24,7 @@ Seen = TypeVar("Seen", covariant=True)
 class Camera(Protocol[Seen]):
     """The cameras of a cell, or one camera on the wrist that is driven around."""
 
-    def look(self) -> Seen:
+    def capture(self) -> Seen:
         """What lies on the table now: `Views` from a camera for photos, `DepthViews` from one for depth."""
         ...
 
@@ -44,12 +44,12 @@ class Manipulator(Protocol):
         """
         ...
 
-    def deliver(self) -> bool:
+    def place_in_bin(self) -> bool:
         """Takes what is held off the table and the hand out of sight; returns when all that is left rests:
         whether it was held all the way."""
         ...
 
-    def leave(self) -> None:
+    def retract(self) -> None:
         """Lets go and takes the hand out of sight; returns when everything rests."""
         ...
 

@@ -47,9 +47,9 @@ def pick(manipulator: Manipulator, hand: Hand, grasp: Grasp, min_opening: float,
     outcome = carry_out(hand, replace(grasp, up=(x, y, z)), min_opening)
     opening = hand.opening()
     if not outcome.success:
-        manipulator.leave()
+        manipulator.retract()
         return Pick(_reason(outcome), opening, outcome.touched)
-    arrived = manipulator.deliver()
+    arrived = manipulator.place_in_bin()
     return Pick(SUCCESS if arrived else DROPPED, opening, outcome.touched)
 
 

@@ -38,7 +38,7 @@ class SimulatedRobot:
         """How many objects lie in the workspace."""
         return len(self._world.bodies())
 
-    def go_to(self, world_from_tcp: Array) -> bool:
+    def move_to_pose(self, world_from_tcp: Array) -> bool:
         """Puts the open hand at a pose; False where it touches something there."""
         self._world.hand().place(world_from_tcp)
         self._world.detect_collisions()
@@ -53,17 +53,17 @@ class SimulatedRobot:
         """Nothing to do: a hand that floats gets everywhere, or touches something there."""
         return self
 
-    def deliver(self) -> bool:
+    def place_in_bin(self) -> bool:
         """Takes the object in the hand and the hand out of the world; the rest settles."""
         held = self._world.held()
         if held is not None:
             self._world.remove(held)
             kept = [m for i, m in enumerate(self._scene.materials) if i != held]
             self._scene = replace(self._scene, materials=tuple(kept))
-        self.leave()
+        self.retract()
         return True
 
-    def leave(self) -> None:
+    def retract(self) -> None:
         """Takes the hand out of the world; the rest settles, and what lies outside the workspace is gone."""
         self._world.remove_hand()
         before = self._world.bodies()
@@ -73,7 +73,7 @@ class SimulatedRobot:
             self._scene = replace(self._scene, materials=materials)
 
     def open(self) -> None:
-        """Nothing to do: `go_to` brings the hand open."""
+        """Nothing to do: `move_to_pose` brings the hand open."""
 
     def close(self) -> None:
         """Closes for half a second; the fingers go on pressing."""

@@ -14,10 +14,10 @@ from neugrasp.geometry.fusion import Tsdf
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.observation import DepthView, DepthViews, Observation, View, Views
 from neugrasp.robot.simulated import SimulatedRobot
-from neugrasp.simulation.cell_photos import Photographer, Photos
+from neugrasp.simulation.cell_photos import Photos, SceneRenderer
+from neugrasp.simulation.gt_tsdf import scan
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.truth import scan
 
 Depth = NDArray[np.float32]
 DepthFilter = Callable[[Depth], Depth]
@@ -32,14 +32,14 @@ class PhotoCamera:
     cell: Cell
     backgrounds: Photos
     """The empty table from every input camera of the cell."""
-    photographer: Photographer
+    scene_renderer: SceneRenderer
     library: ObjectLibrary
     workspace: Workspace
 
-    def look(self) -> Views:
+    def capture(self) -> Views:
         """The input views of the cell."""
         indices = range(self.cell.num_inputs)
-        photos = self.photographer.render(self.cell, self.robot.scene(), self.library, indices)
+        photos = self.scene_renderer.render(self.cell, self.robot.scene(), self.library, indices)
         return Views(
             tuple(
                 View(self.cell.cameras[i], photo, self.backgrounds[i], name=f"view {i}")
@@ -57,7 +57,7 @@ class DepthCamera:
     cameras: Sequence[Camera]
     measured: DepthFilter | None = None
 
-    def look(self) -> DepthViews:
+    def capture(self) -> DepthViews:
         """One depth image per camera."""
         exact = [self.world.depth_and_mask(camera)[0] for camera in self.cameras]
         depths = exact if self.measured is None else [self.measured(depth) for depth in exact]
@@ -72,9 +72,9 @@ class RgbdCamera:
     photos: PhotoCamera
     depths: DepthCamera
 
-    def look(self) -> Observation:
+    def capture(self) -> Observation:
         """Frames with photo, background and depth."""
-        photos, depths = self.photos.look(), self.depths.look()
+        photos, depths = self.photos.capture(), self.depths.capture()
         frames = tuple(
             replace(photo, depth=depth.depth)
             for photo, depth in zip(photos.frames, depths.frames, strict=True)
@@ -97,7 +97,7 @@ class TruthCamera:
         self._world = world
         self._seen: tuple[tuple[Body, ...], Truth] | None = None
 
-    def look(self) -> Truth:
+    def capture(self) -> Truth:
         """The surface from 18 exact depth images all around."""
         bodies = self._world.bodies()
         if self._seen is None or self._seen[0] != bodies:

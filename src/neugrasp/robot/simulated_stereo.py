@@ -11,7 +11,7 @@ from neugrasp.geometry.workspace import Workspace
 from neugrasp.observation import DepthView, DepthViews, Observation
 from neugrasp.robot.simulated import SimulatedRobot
 from neugrasp.robot.simulated_cameras import PhotoCamera
-from neugrasp.simulation.cell_photos import Photographer
+from neugrasp.simulation.cell_photos import SceneRenderer
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.stereo_matching import StereoConfig
 from neugrasp.simulation.stereo_sensor import half_sensor, stereo_on_photo, stereo_view
@@ -25,19 +25,19 @@ class StereoCamera:
     cell: Cell
     sensors: Sequence[Camera]
     """Where the left camera stands for each view; whole images."""
-    photographer: Photographer
+    scene_renderer: SceneRenderer
     library: ObjectLibrary
     workspace: Workspace
     config: StereoConfig = field(default_factory=StereoConfig)
 
-    def look(self) -> DepthViews:
+    def capture(self) -> DepthViews:
         """One depth image per sensor, cut to the workspace."""
         return DepthViews(tuple(self._view(sensor) for sensor in self.sensors), self.workspace)
 
     def _view(self, sensor: Camera) -> DepthView:
         left, scene = half_sensor(sensor), self.robot.scene()
         return stereo_view(
-            left, self.cell, scene, self.photographer, self.library, self.workspace, self.config
+            left, self.cell, scene, self.scene_renderer, self.library, self.workspace, self.config
         )
 
 
@@ -47,15 +47,15 @@ class StereoRgbdCamera:
 
     photos: PhotoCamera
 
-    def look(self) -> Observation:
+    def capture(self) -> Observation:
         """Frames with photo, background and depth."""
-        seen, eye = self.photos.look(), self.photos
+        seen, eye = self.photos.capture(), self.photos
         scene = eye.robot.scene()
         frames = tuple(
             replace(
                 photo,
                 depth=stereo_on_photo(
-                    photo.camera, eye.cell, scene, eye.photographer, eye.library, eye.workspace
+                    photo.camera, eye.cell, scene, eye.scene_renderer, eye.library, eye.workspace
                 ),
             )
             for photo in seen.frames

@@ -49,7 +49,7 @@ class TouringCamera(Generic[Seen]):
     tour: Tour
     camera: Eyes[Seen]
 
-    def look(self) -> Seen:
+    def capture(self) -> Seen:
         """What the camera sees. Raises a `RobotError` where the arm does not arrive at a view."""
         for number, stop in enumerate(self.tour.stops):
             self.arm.execute(stop.way, False, stop.way.duration + TIMEOUT_S)
@@ -57,4 +57,4 @@ class TouringCamera(Generic[Seen]):
             if away > ARRIVED:
                 raise CameraFault(f"view {number}: the arm stands {away:.4f} rad away from it")
         self.arm.execute(self.tour.home, False, self.tour.home.duration + TIMEOUT_S)
-        return self.camera.look()
+        return self.camera.capture()

@@ -120,4 +120,4 @@ class TwinRobot:
         self.arm = Guarded(TwinArm(body), motion.fence)
         gripper = TwinGripper(body, world)
         places = Places(cell.out_of_sight, cell.drop, cell.gripper.force)
-        self.manipulator = ArmHand(self.arm, gripper, motion, places, self.table.leave)
+        self.manipulator = ArmHand(self.arm, gripper, motion, places, self.table.retract)

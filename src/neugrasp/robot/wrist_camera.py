@@ -84,7 +84,7 @@ class Photographs:
     camera: WristCamera
     empty: tuple[Shot, ...]
 
-    def look(self) -> Views:
+    def capture(self) -> Views:
         """What lies on the table now."""
         shots = self.camera.shots()
         check_places(shots, self.empty)

@@ -22,7 +22,7 @@ Photos = NDArray[np.uint8]
 """(n, s, s, 3)"""
 
 
-class Photographer(Protocol):
+class SceneRenderer(Protocol):
     """What makes photos: `simulation.renderer.Renderer`, or a quick stand-in."""
 
     def render(
@@ -32,10 +32,10 @@ class Photographer(Protocol):
         ...
 
 
-def backgrounds(cell: Cell, folder: Path, photographer: Photographer, library: ObjectLibrary) -> Photos:
+def backgrounds(cell: Cell, folder: Path, scene_renderer: SceneRenderer, library: ObjectLibrary) -> Photos:
     """The empty table from every camera of the cell: read from `folder`, or rendered into it."""
     if not folder.is_dir():
-        photos = photographer.render(cell, None, library, range(len(cell.cameras)))
+        photos = scene_renderer.render(cell, None, library, range(len(cell.cameras)))
         try:
             _write(folder, cell, photos)
         except OSError as error:

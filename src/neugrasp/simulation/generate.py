@@ -19,26 +19,26 @@ from neugrasp.errors import InputError
 from neugrasp.geometry.view_sets import VIEW_SETS
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper, gripper_hash
-from neugrasp.long_runs import CONTENTS, begun_as, held, lock, unlock
 from neugrasp.output import write_text
 from neugrasp.parallel.choice import crew_for
 from neugrasp.parallel.crew import spread
 from neugrasp.progress import reached
-from neugrasp.simulation.cell_photos import Photographer
+from neugrasp.run_folder import CONTENTS, check_run_config, lock, lock_folder, unlock
+from neugrasp.simulation.cell_photos import SceneRenderer
 from neugrasp.simulation.command import Generate
 from neugrasp.simulation.infrared import PhotoAndInfrared
 from neugrasp.simulation.objects import KINDS, SPLITS, ObjectLibrary
 from neugrasp.simulation.renderer import Renderer, RenderSettings
-from neugrasp.simulation.studio import TARGETS_PER_CELL, TARGETS_PER_SCENE, Studio
+from neugrasp.simulation.scene_generator import TARGETS_PER_CELL, TARGETS_PER_SCENE, SceneGenerator
 from neugrasp.terminal import next_step
 
-MakePhotographer = Callable[[int], AbstractContextManager[Photographer | None]]
-"""Number of threads -> a photographer to be used in a with statement."""
+MakeSceneRenderer = Callable[[int], AbstractContextManager[SceneRenderer | None]]
+"""Number of threads -> a scene renderer to be used in a with statement."""
 
 logger = logging.getLogger(__name__)
 
 
-def generate(config: Generate, make_photographer: MakePhotographer | None = None) -> list[Path]:
+def generate(config: Generate, make_scene_renderer: MakeSceneRenderer | None = None) -> list[Path]:
     """Makes the scenes that `config.out` does not hold yet; the folders of all of them, in order.
 
     Raises `InputError` where the configuration is not valid or the folder holds another data set, and
@@ -54,8 +54,8 @@ def generate(config: Generate, make_photographer: MakePhotographer | None = None
         progress = _Progress(total=config.num, done=config.num - len(missing))
         if missing:
             reached("scenes", progress.done, progress.total)
-            photographer = make_photographer or _renderer_of(config)
-            _make_all(config, missing, photographer if config.photos else _nobody, progress)
+            scene_renderer = make_scene_renderer or _renderer_of(config)
+            _make_all(config, missing, scene_renderer if config.photos else _nobody, progress)
             progress.write(config.out / "timing.json")
     return folders
 
@@ -63,19 +63,19 @@ def generate(config: Generate, make_photographer: MakePhotographer | None = None
 def run(config: Generate) -> str:
     """`neugrasp generate`: how many scenes there are, and what to do next."""
     folders = generate(config)
-    recipe = [] if config.photos else ["--recipe", "head"]
+    recipe = [] if config.photos else ["--recipe", "head-only"]
     then = next_step("train", *recipe, "--data", config.out, "--out", "runs/mine")
     sheet = next_step("datasheet", "--data", config.out, "--out", config.out / "sheet")
     return f"{len(folders)} scenes in {config.out}\n{sheet}\n{then}"
 
 
-def _renderer_of(config: Generate) -> MakePhotographer:
+def _renderer_of(config: Generate) -> MakeSceneRenderer:
     settings = RenderSettings(samples=config.samples)
     return partial(PhotoAndInfrared if config.stereo else Renderer, settings=settings)
 
 
 def _nobody(_threads: int) -> AbstractContextManager[None]:
-    """The photographer of scenes without photos."""
+    """The scene renderer of scenes without photos."""
     return nullcontext()
 
 
@@ -134,13 +134,13 @@ def _describe(config: Generate, library: ObjectLibrary) -> None:
         **({"stereo": True} if config.stereo else {}),
         **({} if config.targets == TARGETS_PER_SCENE else {"targets": config.targets}),
     }
-    begun_as(config.out / "dataset.json", description, "data set", young=CONTENTS)
+    check_run_config(config.out / "dataset.json", description, "data set", young=CONTENTS)
 
 
 @contextmanager
 def _only_one(out: Path) -> Iterator[None]:
     """Holds `out` for this process. Waits for workers that outlive a killed run by a moment."""
-    with held(out, "generate"), (out / ".lock-workers").open("w", encoding="utf-8") as workers:
+    with lock_folder(out, "generate"), (out / ".lock-workers").open("w", encoding="utf-8") as workers:
         lock(workers, waits=True)
         unlock(workers)
         yield
@@ -176,11 +176,11 @@ class _Progress:
 
 
 def _make_all(
-    config: Generate, missing: list[int], make_photographer: MakePhotographer, progress: _Progress
+    config: Generate, missing: list[int], make_scene_renderer: MakeSceneRenderer, progress: _Progress
 ) -> None:
     crew, threads = crew_for(config.workers, len(missing), config.cluster)
     workers = config.workers or len(os.sched_getaffinity(0))
-    opener = partial(_studio, config, make_photographer, threads)
+    opener = partial(_studio, config, make_scene_renderer, threads)
     with closing(spread(crew, opener, _groups(config, missing, workers))) as made:
         for seconds in made:
             progress.add(seconds)
@@ -188,18 +188,18 @@ def _make_all(
 
 @contextmanager
 def _studio(
-    config: Generate, make_photographer: MakePhotographer, threads: int
+    config: Generate, make_scene_renderer: MakeSceneRenderer, threads: int
 ) -> Iterator[Callable[[int], dict[str, float]]]:
     """What makes the scene of a number; the seconds it took by stage."""
     with (config.out / ".lock-workers").open("w", encoding="utf-8") as file:
         lock(file, shared=True, waits=True)
-        with make_photographer(threads) as photographer:
-            studio = Studio(config, photographer)
+        with make_scene_renderer(threads) as scene_renderer:
+            studio = SceneGenerator(config, scene_renderer)
             with studio.world:
                 yield partial(_make, studio)
 
 
-def _make(studio: Studio, index: int) -> dict[str, float]:
+def _make(studio: SceneGenerator, index: int) -> dict[str, float]:
     """Makes a scene; the seconds it took by stage."""
     before = dict(studio.seconds)
     studio.make(index)

@@ -9,10 +9,10 @@ import numpy as np
 
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array
-from neugrasp.simulation import revolution
+from neugrasp.simulation import lathe
+from neugrasp.simulation.lathe import Vessel
 from neugrasp.simulation.meshes import Mesh, write_obj
 from neugrasp.simulation.object_model import ObjectModel, cache_folder, triple
-from neugrasp.simulation.revolution import Vessel
 
 GLASS_DENSITY = 2500.0
 """Kilograms per cubic metre."""
@@ -77,7 +77,7 @@ def make(name: str) -> Solid:
 
 
 def _vessel(vessel: Vessel) -> Solid:
-    return Solid(revolution.surface(vessel), revolution.convex_parts(vessel), GLASS_DENSITY)
+    return Solid(lathe.surface(vessel), lathe.convex_parts(vessel), GLASS_DENSITY)
 
 
 def _tumbler(rng: np.random.Generator) -> Solid:
@@ -148,7 +148,7 @@ def _bowl(rng: np.random.Generator) -> Solid:
 
 def _box(rng: np.random.Generator) -> Solid:
     half = np.array([rng.uniform(0.015, 0.033), rng.uniform(0.015, 0.045), rng.uniform(0.03, 0.07)])
-    box = revolution.box(half)
+    box = lathe.box(half)
     return Solid(box, (box,), PACKAGE_DENSITY)
 
 
@@ -165,8 +165,8 @@ def _can(rng: np.random.Generator) -> Solid:
             (0, height),
         ]
     )
-    whole = revolution.revolved(profile)
-    return Solid(whole, (revolution.revolved(profile, 24),), PACKAGE_DENSITY)
+    whole = lathe.revolved(profile)
+    return Solid(whole, (lathe.revolved(profile, 24),), PACKAGE_DENSITY)
 
 
 FAMILIES: dict[str, Callable[[np.random.Generator], Solid]] = {

@@ -15,11 +15,11 @@ from neugrasp.data.trials import State, Trials, joined
 from neugrasp.data.world import Scene
 from neugrasp.execution import AT_PREGRASP, REASONS
 from neugrasp.geometry.pose import Array, rotation_about
-from neugrasp.simulation.labels import candidates, grasp_poses
+from neugrasp.simulation.batched_trials import execute_each
+from neugrasp.simulation.grasp_execution import Trial
+from neugrasp.simulation.grasp_sampling import candidates, grasp_poses
 from neugrasp.simulation.mesh_distance import Library, mesh_distance
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.series import execute_each
-from neugrasp.simulation.trials import Trial
 
 LARGEST_TILT = np.pi / 4
 """Radians between a tilted approach and the inward normal, at most."""

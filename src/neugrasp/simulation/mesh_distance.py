@@ -1,8 +1,9 @@
 """The true distance to the surfaces of a scene, from its meshes: what geometry supervision learns from.
 
-Unlike the fused TSDF (`simulation/truth.py`), which the protocol's L1 is judged with, no view is involved: it
-is true inside of objects, behind and under them, and Euclidean rather than along rays. The surfaces are those
-of the visual meshes: the renderer photographs them, and the engine draws its depth images from them.
+Unlike the fused TSDF (`simulation/gt_tsdf.py`), which the protocol's L1 is judged with, no view is
+involved: it is true inside of objects, behind and under them, and Euclidean rather than along rays. The
+surfaces are those of the visual meshes: the renderer photographs them, and the engine draws its depth images
+from them.
 """
 
 from __future__ import annotations

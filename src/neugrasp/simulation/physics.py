@@ -23,11 +23,11 @@ from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
 from neugrasp.simulation.arm import JointedArm
 from neugrasp.simulation.arm_urdf import write_arm
+from neugrasp.simulation.body_freezing import Freezer
 from neugrasp.simulation.depth import plane_depth, rendered
-from neugrasp.simulation.frozen import Freezer
 from neugrasp.simulation.hand import Hand
 from neugrasp.simulation.placed import Placed
-from neugrasp.simulation.quiet import quiet
+from neugrasp.simulation.silence import quiet
 from neugrasp.simulation.urdf import write_gripper, write_object
 
 if TYPE_CHECKING:

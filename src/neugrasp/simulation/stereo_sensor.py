@@ -11,7 +11,7 @@ from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.view_sets import FOCAL
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.observation import Depth, DepthView
-from neugrasp.simulation.cell_photos import Photographer
+from neugrasp.simulation.cell_photos import SceneRenderer
 from neugrasp.simulation.infrared import infrared_pair, infrared_sensor
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.stereo_matching import Grey, StereoConfig, stereo_depth
@@ -21,7 +21,7 @@ SCALE = 0.5
 
 
 def stereo_view(
-    sensor: Camera, cell: Cell, scene: Scene, photographer: Photographer, library: ObjectLibrary,
+    sensor: Camera, cell: Cell, scene: Scene, scene_renderer: SceneRenderer, library: ObjectLibrary,
     workspace: Workspace, config: StereoConfig | None = None,
 ) -> DepthView:  # fmt: skip
     """What a sensor whose left camera is `sensor`, a whole image, measures; cut to the workspace."""
@@ -29,17 +29,17 @@ def stereo_view(
     focal = float(sensor.intrinsics[0, 0])
     most = int(np.ceil(focal * config.baseline / config.nearest)) + config.window
     pair, offset = infrared_pair(cell, sensor, workspace, config.baseline, most)
-    left, right = photographer.render(pair, scene, library, (0, 1))
+    left, right = scene_renderer.render(pair, scene, library, (0, 1))
     return DepthView(pair.cameras[0], depth=stereo_depth(_grey(left), _grey(right), offset, focal, config))
 
 
 def stereo_on_photo(
-    camera: Camera, cell: Cell, scene: Scene, photographer: Photographer, library: ObjectLibrary,
+    camera: Camera, cell: Cell, scene: Scene, scene_renderer: SceneRenderer, library: ObjectLibrary,
     workspace: Workspace,
 ) -> Depth:  # fmt: skip
     """z-depth (h, w) at the pixels of a photo that was cropped to the workspace, 0 where not measured."""
     return at_pixels_of(
-        camera, stereo_view(sensor_around(camera), cell, scene, photographer, library, workspace)
+        camera, stereo_view(sensor_around(camera), cell, scene, scene_renderer, library, workspace)
     )
 
 

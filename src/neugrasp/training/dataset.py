@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset
 
-from neugrasp.change import change_labels
+from neugrasp.change_mask import change_labels
 from neugrasp.data.grasp_scene import GraspScene
 from neugrasp.data.records import PhotosWanted
 from neugrasp.data.scene_sets import SceneSet

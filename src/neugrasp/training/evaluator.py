@@ -16,10 +16,10 @@ from torch import Tensor, nn
 from neugrasp.data.lessons import gripper_of, read_lesson
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import USUAL
-from neugrasp.long_runs import held, source_commit
 from neugrasp.model.compute import Compute
 from neugrasp.model.evaluator_file import load_evaluator, save_evaluator
 from neugrasp.model.grasp_evaluator import SIDES, GraspEvaluator, mirrored
+from neugrasp.run_folder import lock_folder, source_commit
 from neugrasp.terminal import next_step
 from neugrasp.training.command import TrainEvaluator
 from neugrasp.training.config import Optimiser
@@ -27,7 +27,7 @@ from neugrasp.training.distributed import Ranks
 from neugrasp.training.evaluator_scores import judgement, reliability_table
 from neugrasp.training.evaluator_trials import TrialBatch, TrialSteps, seen_of
 from neugrasp.training.loop import Course, follow
-from neugrasp.training.state import Identity, Learner, read_state
+from neugrasp.training.state import Identity, TrainState, read_state
 
 log = logging.getLogger(__name__)
 
@@ -108,10 +108,10 @@ def train_evaluator(run: EvaluatorRun, stop_after: int | None = None) -> Path:
     device = Compute.of(run.device).device
     model = load_evaluator(run.init).model() if run.init else GraspEvaluator(config.widths, config.hidden)
     model.to(device).train()
-    learner = Learner.of(model, config)
+    learner = TrainState.of(model, config)
     digest = hashlib.sha256("\n".join(f"{f.parent.name}/{f.name}" for f in files).encode()).hexdigest()
     identity = Identity(config, digest, run.init and Path(run.init).name)
-    with held(run.out, "train"):
+    with lock_folder(run.out, "train"):
         saved = read_state(run.out)
         start = saved.restore(learner, identity) if saved else 0
         last = min(config.steps, stop_after or config.steps)

@@ -21,7 +21,7 @@ from neugrasp.training.distributed import Ranks
 from neugrasp.training.early_stop import EarlyStop
 from neugrasp.training.log import TrainingLog
 from neugrasp.training.module import bfloat16_pays
-from neugrasp.training.state import Identity, Learner, save_state
+from neugrasp.training.state import Identity, TrainState, save_state
 
 log = logging.getLogger(__name__)
 
@@ -59,7 +59,7 @@ class Course:
     out: Path
     """Where log and states are written."""
     config: Schedule
-    learner: Learner[Any]
+    learner: TrainState[Any]
     losses: nn.Module
     """forward(batch, step) -> terms by name, what is minimised as "loss"; everything random in it follows
     from the step. It holds the learner's model."""
@@ -128,7 +128,7 @@ def _one_thread(_worker: int) -> None:
 
 
 def _step(
-    losses_of: nn.Module, learner: Learner[Any], batch: Any, config: Schedule, step: int
+    losses_of: nn.Module, learner: TrainState[Any], batch: Any, config: Schedule, step: int
 ) -> dict[str, float]:
     """One update; everything random in it follows from the seed and the step's number."""
     for group in learner.optimizer.param_groups:

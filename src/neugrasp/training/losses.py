@@ -7,7 +7,7 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from neugrasp.change import OBJECT, TABLE
+from neugrasp.change_mask import OBJECT, TABLE
 from neugrasp.geometry.sampling import sample_volume
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.grasp_head import GraspVolume, half_turned

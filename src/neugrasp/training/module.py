@@ -10,7 +10,7 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-from neugrasp.change import TABLE
+from neugrasp.change_mask import TABLE
 from neugrasp.model.field import EncodedViews
 from neugrasp.model.network import NeuGrasp, Reconstruction
 from neugrasp.model.rendering import Rays, cut_to_workspace
@@ -99,18 +99,18 @@ def total(losses: Losses, config: TrainConfig) -> Float[Tensor, ""]:
 def head_loss(
     head: nn.Module, truths: Sequence[Truth], from_meshes: bool, generator: torch.Generator
 ) -> Float[Tensor, ""]:
-    """The grasp head alone, on true grids made imperfect the way predictions are.
+    """The grasp head alone, on true grids made perturb_tsdf the way predictions are.
 
     `from_meshes` takes the distance to the meshes where a scene has it, as `distance_loss` does.
     """
     grids = [
         truth.needed("distance" if from_meshes and truth.distance is not None else "tsdf") for truth in truths
     ]
-    volume = head(torch.stack([imperfect(grid, generator) for grid in grids]))
+    volume = head(torch.stack([perturb_tsdf(grid, generator) for grid in grids]))
     return grasp_loss(volume, [truth.labels for truth in truths])
 
 
-def imperfect(tsdf: Float[Tensor, "r r r"], generator: torch.Generator) -> Float[Tensor, "r r r"]:
+def perturb_tsdf(tsdf: Float[Tensor, "r r r"], generator: torch.Generator) -> Float[Tensor, "r r r"]:
     """A TSDF blurred by up to a voxel, with bumps of several voxels and a little noise."""
     resolution = tsdf.shape[0]
     most = torch.tensor([1.0, 0.25, 0.05])

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image as PilImage
 
-from neugrasp.change import OBJECT, TABLE
+from neugrasp.change_mask import OBJECT, TABLE
 from neugrasp.observation import Image
 from neugrasp.pictures.sheet import Tile, contact_sheet
 from neugrasp.pictures.slices import busiest_slice, slice_picture

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -10,6 +11,8 @@ from neugrasp.model.config import ModelConfig
 from neugrasp.training.command import Train
 from neugrasp.training.config import LossWeights, Optimiser, TrainConfig
 from neugrasp.training.extensions import extension
+
+log = logging.getLogger(__name__)
 
 
 def _small_model() -> ModelConfig:
@@ -41,12 +44,12 @@ def small() -> TrainConfig:
     )
 
 
-def longer() -> TrainConfig:
+def finetune() -> TrainConfig:
     """`small` gone on with (`--init`): starts as sharp as weights are that have been trained before."""
     return replace(small(), steps=4_000, head_steps=0, sharpness=(180.0, 300.0))
 
 
-def head() -> TrainConfig:
+def head_only() -> TrainConfig:
     """The grasp head of `small` alone, on true TSDFs: needs no photos, so physics-only records will do."""
     return replace(small(), steps=4_000, head_steps=4_000)
 
@@ -87,7 +90,7 @@ def adapt() -> TrainConfig:
     grasps of its last scenes are not told any better."""
     weights = replace(small().weights, rehearsal=0.0)
     return replace(
-        longer(), weights=weights, steps=2_000, optimiser=replace(small().optimiser, learning_rate=2e-4),
+        finetune(), weights=weights, steps=2_000, optimiser=replace(small().optimiser, learning_rate=2e-4),
         sharpness=(300.0, 300.0), validate_every=100, validation_scenes=20, last_held_out=0.2, patience=5,
     )  # fmt: skip
 
@@ -132,8 +135,8 @@ def tiny() -> TrainConfig:
 
 RECIPES: dict[str, Callable[[], TrainConfig]] = {
     "small": small,
-    "longer": longer,
-    "head": head,
+    "finetune": finetune,
+    "head-only": head_only,
     "paper": paper,
     "tsdf": tsdf,
     "geometry": geometry,
@@ -144,7 +147,8 @@ RECIPES: dict[str, Callable[[], TrainConfig]] = {
     "without-backgrounds": without_backgrounds,
     "tiny": tiny,
 }
-
+RENAMED = {"longer": "finetune", "head": "head-only"}
+"""Recipes by their names of before; they are read for one version more."""
 
 GROUP = "neugrasp.recipes"
 """Entry points of recipes that are not of this file: functions that return a `TrainConfig`."""
@@ -152,6 +156,9 @@ GROUP = "neugrasp.recipes"
 
 def recipe(name: str) -> TrainConfig:
     """The configuration of a recipe by name or module:NAME. Raises `InputError` where there is none."""
+    if today := RENAMED.get(name):
+        log.warning("recipe %s is called %s now; the old name ends with the next version", name, today)
+        name = today
     found = RECIPES.get(name) or extension(GROUP, name, "recipe", RECIPES)
     config = found() if callable(found) else found
     if not isinstance(config, TrainConfig):

@@ -103,7 +103,7 @@ def _places(folder: Path) -> list[Place]:
 def _check(run: Train, config: TrainConfig, scenes: Scenes) -> None:
     names = ", ".join(map(str, run.data))
     if config.steps > config.head_steps and not scenes.photographed:
-        raise InputError(f"{names}: no scene has photos; recipe {run.recipe} needs some, head none")
+        raise InputError(f"{names}: no scene has photos; recipe {run.recipe} needs some, head-only none")
     if config.needs_truth and not scenes.known:
         raise InputError(
             f"{names}: no scene has a known surface, and recipe {run.recipe} learns from it; use scenes of "

@@ -36,7 +36,7 @@ class Course(Protocol):
 
 
 @dataclass(frozen=True)
-class Learner(Generic[Net]):
+class TrainState(Generic[Net]):
     """What a step changes."""
 
     model: Net
@@ -45,7 +45,7 @@ class Learner(Generic[Net]):
     optimizer: torch.optim.Adam
 
     @classmethod
-    def of(cls, model: Net, config: Course) -> Learner[Net]:
+    def of(cls, model: Net, config: Course) -> TrainState[Net]:
         """A learner at its start."""
 
         def averaged(averages: Tensors, now: Tensors, count: Tensor | int) -> None:
@@ -104,7 +104,7 @@ def _flat(data: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     return flat
 
 
-def save_state(folder: Path, learner: Learner[Any], step: int, identity: Identity) -> None:
+def save_state(folder: Path, learner: TrainState[Any], step: int, identity: Identity) -> None:
     """Writes weights, their average, Adam's moments and the number of finished steps, whole or not at all."""
     model, optimizer = learner.model, learner.optimizer
     names = {id(parameter): name for name, parameter in model.named_parameters()}
@@ -142,7 +142,7 @@ class State:
         fields = Fields(str(self.path), self.facts, "identity.")
         return fields.whole("head_steps", 0, 10**9) if "head_steps" in self.facts else otherwise
 
-    def restore(self, learner: Learner[Any], identity: Identity) -> int:
+    def restore(self, learner: TrainState[Any], identity: Identity) -> int:
         """Puts the state back and gives the number of finished steps.
 
         Raises `InputError` where it is damaged or belongs to another configuration or other data.

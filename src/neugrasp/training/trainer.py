@@ -12,9 +12,9 @@ from typing import Any
 import torch
 
 from neugrasp.errors import InputError, NeuGraspError
-from neugrasp.long_runs import held, source_commit
 from neugrasp.model.checkpoint import save_checkpoint
 from neugrasp.model.compute import Compute
+from neugrasp.run_folder import lock_folder, source_commit
 from neugrasp.terminal import next_step
 from neugrasp.training.command import Train
 from neugrasp.training.config import TrainConfig
@@ -26,7 +26,7 @@ from neugrasp.training.networks import network_spec
 from neugrasp.training.recipes import configured
 from neugrasp.training.split import open_data
 from neugrasp.training.start import start_from
-from neugrasp.training.state import Identity, Learner, read_state
+from neugrasp.training.state import Identity, TrainState, read_state
 
 log = logging.getLogger(__name__)
 
@@ -47,7 +47,7 @@ def train(run: Train, stop_after: int | None = None, config: TrainConfig | None 
     """
     # Of the processes that torchrun started, the first one writes.
     leads = os.environ.get("RANK", "0") == "0"
-    with held(run.out, "train") if leads else nullcontext():
+    with lock_folder(run.out, "train") if leads else nullcontext():
         _check_out(run)
         return _trained(run, config or configured(run), stop_after)
 
@@ -67,7 +67,7 @@ def _trained(run: Train, config: TrainConfig, stop_after: int | None) -> Path:
         log.warning("--precision bfloat16: slower than float32 on this processor, which is used instead")
     with joined_ranks(run.device) as ranks:
         model.to(ranks.device).train()
-        learner = Learner.of(model, config)
+        learner = TrainState.of(model, config)
         identity = Identity(config, identity_of(scenes), run.init and Path(run.init).name)
         start = saved.restore(learner, identity) if saved else 0
         last = min(config.steps, stop_after or config.steps)

@@ -7,7 +7,7 @@ import numpy as np
 from neugrasp.detection.things import Thing, things_in
 from neugrasp.geometry.pose import Array
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.viewer.contents import Grid
+from neugrasp.viewer.scene_data import Grid
 
 STEP = 0.25
 """Voxels between the places of a line of sight that are looked at."""

@@ -10,8 +10,8 @@ from PIL import Image as Picture
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array
 from neugrasp.observation import Image, View
-from neugrasp.viewer.contents import Colour, Contents
-from neugrasp.viewer.nodes import LinesNode, Node, PictureNode
+from neugrasp.viewer.primitives import LinesNode, Node, PictureNode
+from neugrasp.viewer.scene_data import Colour, SceneData
 
 SIDE = 0.108
 """Metres of the longer side of a photo, as drawn."""
@@ -22,10 +22,10 @@ MOST_PIXELS = 640
 
 
 @lru_cache(maxsize=4)
-def cameras(contents: Contents) -> tuple[Node, ...]:
+def cameras(data: SceneData) -> tuple[Node, ...]:
     """A pyramid for every camera, and the photo where there is one."""
     nodes: list[Node] = []
-    for i, view in enumerate(contents.views):
+    for i, view in enumerate(data.views):
         corners = base(view.camera)
         edges = [(view.camera.centre, corner) for corner in corners]
         edges += [(corners[k], corners[(k + 1) % 4]) for k in range(4)]

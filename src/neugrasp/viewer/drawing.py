@@ -1,4 +1,4 @@
-"""From contents and settings to what is drawn. Parts that did not change come back as the same objects."""
+"""From data and settings to what is drawn. Parts that did not change come back as the same objects."""
 
 from __future__ import annotations
 
@@ -18,10 +18,12 @@ from neugrasp.gripper import Gripper
 from neugrasp.pictures.score_scale import colour_of_outcome, colour_of_score
 from neugrasp.pictures.slices import slice_picture
 from neugrasp.viewer.cameras import cameras
-from neugrasp.viewer.contents import Candidate, Colour, Contents, Grid, Moment
 from neugrasp.viewer.hand_meshes import bar_mesh, finger_mesh, hand_mesh
-from neugrasp.viewer.nodes import AxesNode, LabelNode, LinesNode, MeshNode, Node, PictureNode
-from neugrasp.viewer.painting import (
+from neugrasp.viewer.primitives import AxesNode, LabelNode, LinesNode, MeshNode, Node, PictureNode
+from neugrasp.viewer.scene_data import Colour, GraspMarker, Grid, SceneData, Snapshot
+from neugrasp.viewer.settings import Colouring, Hand, Settings
+from neugrasp.viewer.table_texture import edge, tabletop
+from neugrasp.viewer.vertex_colours import (
     Field,
     by_confidence,
     by_photos,
@@ -29,8 +31,6 @@ from neugrasp.viewer.painting import (
     fine_surface,
     things_on_table,
 )
-from neugrasp.viewer.settings import Colouring, Hand, Settings
-from neugrasp.viewer.tabletop import edge, tabletop
 
 CUBE: Colour = (150, 156, 166)
 PLAIN: Colour = (120, 165, 215)
@@ -50,80 +50,80 @@ HAND_MESHES: dict[Hand, Callable[[Gripper, float], Surface]] = {
 }
 
 
-def nodes_of(contents: Contents, settings: Settings) -> tuple[Node, ...]:
+def nodes_of(data: SceneData, settings: Settings) -> tuple[Node, ...]:
     """Everything that is to be drawn, names unique."""
-    moment = contents.moment(settings.moment)
+    moment = data.moment(settings.moment)
     nodes: list[Node] = []
     if settings.shows_table:
-        nodes.append(_table(contents))
+        nodes.append(_table(data))
     if settings.shows_cube:
-        nodes.append(_cube(contents))
+        nodes.append(_cube(data))
     if settings.shows_cameras:
-        nodes += cameras(contents)
+        nodes += cameras(data)
     if settings.shows_surface and moment.tsdf is not None:
-        nodes.append(_surface(contents, moment, settings.colouring, settings.shows_reconstructed_table))
+        nodes.append(_surface(data, moment, settings.colouring, settings.shows_reconstructed_table))
     nodes += _solids(moment)
     if settings.shows_truth:
-        nodes += _truth(contents)
+        nodes += _truth(data)
     if settings.shows_true_grasps:
-        nodes += true_grasps_of(contents, settings)
+        nodes += true_grasps_of(data, settings)
     chosen = settings.selected
-    hands = grasps_of(contents, settings)
-    nodes += [_seen_through(node) if node.candidate is chosen else node for node in hands]
-    shown = [node.candidate for node in hands if node.candidate is not None]
-    nodes += [_number(contents, candidate) for candidate in shown if candidate.number is not None]
+    hands = grasps_of(data, settings)
+    nodes += [_seen_through(node) if node.marker is chosen else node for node in hands]
+    shown = [node.marker for node in hands if node.marker is not None]
+    nodes += [_number(data, marker) for marker in shown if marker.number is not None]
     if settings.region is not None:
-        nodes.append(_region(contents, settings.region))
+        nodes.append(_region(data, settings.region))
     if settings.slice_axis != "none" and moment.tsdf is not None:
-        nodes.append(_slice(contents, moment, "xyz".index(settings.slice_axis), settings.slice_index))
+        nodes.append(_slice(data, moment, "xyz".index(settings.slice_axis), settings.slice_index))
     if chosen is not None:
         nodes.append(AxesNode("selected", chosen.grasp.pose, 0.07))
     return tuple(nodes)
 
 
-def grasps_of(contents: Contents, settings: Settings) -> tuple[MeshNode, ...]:
+def grasps_of(data: SceneData, settings: Settings) -> tuple[MeshNode, ...]:
     """The grasps at or above the threshold, best first, as many as wanted."""
-    moment = contents.moment(settings.moment)
-    hands = _hands(contents, moment.grasps, settings.hand, "grasps")
+    moment = data.moment(settings.moment)
+    hands = _hands(data, moment.grasps, settings.hand, "grasps")
     passed = [node for node in hands if _score(node) >= settings.threshold]
     if settings.region is not None:
-        passed = [node for node in passed if _is_in(settings.region, node.candidate, contents)]
+        passed = [node for node in passed if _is_in(settings.region, node.marker, data)]
     return tuple(passed[: settings.most])
 
 
 @lru_cache(maxsize=256)
-def _number(contents: Contents, candidate: Candidate) -> LabelNode:
+def _number(data: SceneData, marker: GraspMarker) -> LabelNode:
     """The number of a grasp where the arm would be."""
-    start = contents.gripper.wireframe(candidate.grasp.width)[-1, 0]
-    return LabelNode(f"numbers/{candidate.number}", str(candidate.number), apply(candidate.grasp.pose, start))
+    start = data.gripper.wireframe(marker.grasp.width)[-1, 0]
+    return LabelNode(f"numbers/{marker.number}", str(marker.number), apply(marker.grasp.pose, start))
 
 
-def true_grasps_of(contents: Contents, settings: Settings) -> tuple[MeshNode, ...]:
+def true_grasps_of(data: SceneData, settings: Settings) -> tuple[MeshNode, ...]:
     """As many of the grasps that held as wanted, spread over all of them."""
-    hands = _hands(contents, contents.truth.grasps, settings.hand, "truth/grasps")
+    hands = _hands(data, data.truth.grasps, settings.hand, "truth/grasps")
     chosen = np.linspace(0, len(hands) - 1, min(settings.most, len(hands))).round().astype(int)
     return tuple(hands[i] for i in chosen)
 
 
-def colour_of(candidate: Candidate) -> Colour:
+def colour_of(marker: GraspMarker) -> Colour:
     """Green for a grasp that held, red for one that did not; else by its score, red to yellow to green."""
-    if candidate.outcome is not None:
-        return colour_of_outcome(candidate.outcome)
-    return colour_of_score(candidate.grasp.score)
+    if marker.outcome is not None:
+        return colour_of_outcome(marker.outcome)
+    return colour_of_score(marker.grasp.score)
 
 
-def describe(contents: Contents, candidate: Candidate) -> str:
+def describe(data: SceneData, marker: GraspMarker) -> str:
     """What a click on a grasp shows, as Markdown."""
-    in_world = candidate.grasp.moved(contents.workspace.world_from_workspace)
+    in_world = marker.grasp.moved(data.workspace.world_from_workspace)
     place, approach = (" ".join(f"{x:+.3f}" for x in v) for v in (in_world.position, in_world.approach))
     lines = [
-        *([f"**grasp** {candidate.number}"] if candidate.number else []),
+        *([f"**grasp** {marker.number}"] if marker.number else []),
         f"**score** {in_world.score:.3f}",
         f"**width** {in_world.width * 1000:.0f} mm",
         f"**TCP in the world** {place} m",
         f"**approach** {approach}",
     ]
-    return "  \n".join([*lines, candidate.note] if candidate.note else lines)
+    return "  \n".join([*lines, marker.note] if marker.note else lines)
 
 
 @lru_cache(maxsize=8)
@@ -132,37 +132,37 @@ def _seen_through(node: MeshNode) -> MeshNode:
     return replace(node, opacity=0.45)
 
 
-def _is_in(region: Box, candidate: Candidate | None, contents: Contents) -> bool:
+def _is_in(region: Box, marker: GraspMarker | None, data: SceneData) -> bool:
     """Whether the TCP of a grasp lies in a box of the world."""
-    if candidate is None:
+    if marker is None:
         return True
-    place = apply(contents.workspace.world_from_workspace, candidate.grasp.position)
+    place = apply(data.workspace.world_from_workspace, marker.grasp.position)
     return bool(np.all((place >= region[:3]) & (place <= region[3:])))
 
 
 def _score(node: MeshNode) -> float:
-    return node.candidate.grasp.score if node.candidate else 1.0
+    return node.marker.grasp.score if node.marker else 1.0
 
 
 @lru_cache(maxsize=4)
-def _table(contents: Contents) -> PictureNode:
-    workspace = contents.workspace
+def _table(data: SceneData) -> PictureNode:
+    workspace = data.workspace
     middle = workspace.centre - (0, 0, BELOW_TABLE)
     pose = rigid(np.diag([1.0, -1.0, -1.0]), middle)
     side = edge(workspace)
-    return PictureNode("table", tabletop(contents.photos, workspace), side, side, pose, has_shadows=True)
+    return PictureNode("table", tabletop(data.photos, workspace), side, side, pose, has_shadows=True)
 
 
 @lru_cache(maxsize=4)
-def _cube(contents: Contents) -> LinesNode:
-    return LinesNode("cube", _edges(contents.workspace.corners()), CUBE, 0.001)
+def _cube(data: SceneData) -> LinesNode:
+    return LinesNode("cube", _edges(data.workspace.corners()), CUBE, 0.001)
 
 
 @lru_cache(maxsize=4)
-def _region(contents: Contents, region: Box) -> LinesNode:
+def _region(data: SceneData, region: Box) -> LinesNode:
     """A box of the world, in the workspace frame."""
     corners = np.array(list(product(*zip(region[:3], region[3:], strict=True))))
-    moved = apply(inverse(contents.workspace.world_from_workspace), _edges(corners))
+    moved = apply(inverse(data.workspace.world_from_workspace), _edges(corners))
     return LinesNode("region", moved, CHOSEN, 0.0015)
 
 
@@ -173,23 +173,23 @@ def _edges(corners: Array) -> Array:
 
 
 @lru_cache(maxsize=16)
-def _surface(contents: Contents, moment: Moment, colouring: Colouring, has_table: bool) -> MeshNode:
+def _surface(data: SceneData, moment: Snapshot, colouring: Colouring, has_table: bool) -> MeshNode:
     assert moment.tsdf is not None
-    workspace = contents.workspace
+    workspace = data.workspace
     surface = (fine_surface if has_table else things_on_table)(moment.tsdf, workspace)
     field = Field(moment.tsdf, workspace)
     colour: Colour | np.ndarray = PLAIN
-    if len(surface.vertices) and colouring == "photos" and contents.photos:
-        colour = by_photos(surface, field, contents.photos)
-    elif len(surface.vertices) and colouring == "views" and contents.photos:
-        colour = by_views(surface, field, contents.photos)
+    if len(surface.vertices) and colouring == "photos" and data.photos:
+        colour = by_photos(surface, field, data.photos)
+    elif len(surface.vertices) and colouring == "views" and data.photos:
+        colour = by_views(surface, field, data.photos)
     elif len(surface.vertices) and colouring == "confidence":
         colour = by_confidence(surface, field)
     return MeshNode("surface", surface, colour)
 
 
 @lru_cache(maxsize=64)
-def _solids(moment: Moment) -> tuple[MeshNode, ...]:
+def _solids(moment: Snapshot) -> tuple[MeshNode, ...]:
     return tuple(
         MeshNode(f"bodies/{i} {solid.name}", solid.surface, solid.colour)
         for i, solid in enumerate(moment.solids)
@@ -197,9 +197,9 @@ def _solids(moment: Moment) -> tuple[MeshNode, ...]:
 
 
 @lru_cache(maxsize=4)
-def _truth(contents: Contents) -> tuple[MeshNode, ...]:
+def _truth(data: SceneData) -> tuple[MeshNode, ...]:
     """Known bodies where there are any, else the surface fused from depth images."""
-    truth = contents.truth
+    truth = data.truth
     if truth.solids:
         return tuple(
             MeshNode(f"truth/bodies/{i} {solid.name}", solid.surface, TRUE, 0.55)
@@ -207,29 +207,29 @@ def _truth(contents: Contents) -> tuple[MeshNode, ...]:
         )
     if truth.tsdf is None:
         return ()
-    return (MeshNode("truth/surface", things_on_table(truth.tsdf, contents.workspace), TRUE, 0.55),)
+    return (MeshNode("truth/surface", things_on_table(truth.tsdf, data.workspace), TRUE, 0.55),)
 
 
 @lru_cache(maxsize=64)
 def _hands(
-    contents: Contents, candidates: tuple[Candidate, ...], hand: Hand, folder: str
+    data: SceneData, candidates: tuple[GraspMarker, ...], hand: Hand, folder: str
 ) -> tuple[MeshNode, ...]:
     nodes = []
-    for number, candidate in enumerate(candidates):
-        width = min(candidate.grasp.width, contents.gripper.max_opening)
-        mesh = HAND_MESHES[hand](contents.gripper, width)
-        colour = TRUE if folder.startswith("truth") else colour_of(candidate)
+    for number, marker in enumerate(candidates):
+        width = min(marker.grasp.width, data.gripper.max_opening)
+        mesh = HAND_MESHES[hand](data.gripper, width)
+        colour = TRUE if folder.startswith("truth") else colour_of(marker)
         nodes.append(
-            MeshNode(f"{folder}/{number:03d}", mesh.moved(candidate.grasp.pose), colour, 1.0, True, candidate)
+            MeshNode(f"{folder}/{number:03d}", mesh.moved(marker.grasp.pose), colour, 1.0, True, marker)
         )
     return tuple(nodes)
 
 
 @lru_cache(maxsize=8)
-def _slice(contents: Contents, moment: Moment, axis: int, index: int) -> PictureNode:
+def _slice(data: SceneData, moment: Snapshot, axis: int, index: int) -> PictureNode:
     grid: Grid | None = moment.tsdf
     assert grid is not None
-    workspace = contents.workspace
+    workspace = data.workspace
     picture = np.dstack(
         [slice_picture(grid, workspace, axis, index, SLICE_PIXELS), _opacity(grid, axis, index)]
     )

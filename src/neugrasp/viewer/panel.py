@@ -10,8 +10,8 @@ import numpy as np
 
 from neugrasp.detection.options import Box
 from neugrasp.pictures.score_scale import score_legend
-from neugrasp.viewer.contents import Contents
 from neugrasp.viewer.drawing import describe, grasps_of
+from neugrasp.viewer.scene_data import SceneData
 from neugrasp.viewer.settings import AXES, COLOURINGS, HANDS, Settings, most_grasps, scores
 
 CLICK = "*Click on a gripper for its score, width and frame.*"
@@ -19,21 +19,21 @@ AIM = "*Shift and a click on an object: its grasps alone.*"
 
 
 class Panel:
-    """Controls that suit the contents. `changed` is called with the new settings after each change."""
+    """Controls that suit the data. `changed` is called with the new settings after each change."""
 
-    def __init__(self, gui: Any, contents: Contents, settings: Settings, changed: Callable[[Settings], None]):
-        self._gui, self._contents, self._changed = gui, contents, changed
+    def __init__(self, gui: Any, data: SceneData, settings: Settings, changed: Callable[[Settings], None]):
+        self._gui, self._data, self._changed = gui, data, changed
         self._settings = settings
         self._controls: dict[str, Any] = {}
         """By the field of `Settings` that they set."""
-        if len(contents.moments) > 1:
-            last = len(contents.moments) - 1
+        if len(data.moments) > 1:
+            last = len(data.moments) - 1
             self._add("moment", gui.add_slider("time", 0, last, 1, settings.moment))
         self._said: Any = None
         self._chosen: Any = None
         self._caption = gui.add_markdown("")
-        has_grid = any(moment.tsdf is not None for moment in contents.moments)
-        if most_grasps(contents):
+        has_grid = any(moment.tsdf is not None for moment in data.moments)
+        if most_grasps(data):
             self._grasps()
         if has_grid:
             self._surface()
@@ -44,15 +44,15 @@ class Panel:
     def tell(self, settings: Settings) -> None:
         """Brings the words up to date."""
         self._settings = settings
-        contents, moment = self._contents, self._contents.moment(settings.moment)
-        shown = len(grasps_of(contents, settings))
+        data, moment = self._data, self._data.moment(settings.moment)
+        shown = len(grasps_of(data, settings))
         if self._chosen is not None:
             self._chosen.content = AIM if settings.region is None else _region_words(settings.region)
         count = f"  \n{shown} of {len(moment.grasps)} grasps drawn" if moment.grasps else ""
         self._caption.content = moment.caption + count
         if self._said is not None:
             chosen = settings.selected
-            self._said.content = describe(contents, chosen) if chosen else CLICK
+            self._said.content = describe(data, chosen) if chosen else CLICK
 
     @property
     def words(self) -> str:
@@ -77,9 +77,9 @@ class Panel:
 
     def _grasps(self) -> None:
         gui, now = self._gui, self._settings
-        most = most_grasps(self._contents)
+        most = most_grasps(self._data)
         with gui.add_folder("Grasps"):
-            low = float(np.floor(min(scores(self._contents), default=1.0) * 100) / 100)
+            low = float(np.floor(min(scores(self._data), default=1.0) * 100) / 100)
             if low < 1:
                 self._add(
                     "threshold", gui.add_slider("least score", low, 1.0, 0.005, max(low, now.threshold))
@@ -87,17 +87,17 @@ class Panel:
             if most > 1:
                 self._add("most", gui.add_slider("at most", 0, most, 1, min(most, now.most)))
             self._add("hand", gui.add_dropdown("draw", HANDS, initial_value=now.hand))
-            if any(c.outcome is None for moment in self._contents.moments for c in moment.grasps):
+            if any(c.outcome is None for moment in self._data.moments for c in moment.grasps):
                 gui.add_image(score_legend())
             self._said = gui.add_markdown(CLICK)
-            if any(moment.tsdf is not None for moment in self._contents.moments):
+            if any(moment.tsdf is not None for moment in self._data.moments):
                 self._chosen = gui.add_markdown(AIM)
 
     def _surface(self) -> None:
         gui, now = self._gui, self._settings
         with gui.add_folder("Surface"):
             self._add("shows_surface", gui.add_checkbox("show", now.shows_surface))
-            options = COLOURINGS if self._contents.photos else ("plain", "confidence")
+            options = COLOURINGS if self._data.photos else ("plain", "confidence")
             self._add("colouring", gui.add_dropdown("colour", options, initial_value=now.colouring))
             label = "the table, too"
             self._add("shows_reconstructed_table", gui.add_checkbox(label, now.shows_reconstructed_table))
@@ -106,12 +106,12 @@ class Panel:
         gui, now = self._gui, self._settings
         with gui.add_folder("Slice through the distances"):
             self._add("slice_axis", gui.add_dropdown("along", AXES, initial_value=now.slice_axis))
-            last = self._contents.workspace.resolution - 1
+            last = self._data.workspace.resolution - 1
             self._add("slice_index", gui.add_slider("voxel", 0, last, 1, now.slice_index))
 
     def _shown(self) -> None:
-        gui, now, truth = self._gui, self._settings, self._contents.truth
-        with gui.add_folder("Show"):
+        gui, now, truth = self._gui, self._settings, self._data.truth
+        with gui.add_folder("ViewerApp"):
             for field in ("cameras", "table", "cube"):
                 name = f"shows_{field}"
                 self._add(name, gui.add_checkbox(field, getattr(now, name)))

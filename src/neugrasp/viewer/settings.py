@@ -9,7 +9,7 @@ import numpy as np
 
 from neugrasp.detection.options import Box
 from neugrasp.pictures.slices import busiest_slice
-from neugrasp.viewer.contents import Candidate, Contents
+from neugrasp.viewer.scene_data import GraspMarker, SceneData
 
 Colouring = Literal["photos", "confidence", "views", "plain"]
 Hand = Literal["whole hand", "fingers", "lines"]
@@ -42,29 +42,29 @@ class Settings:
     slice_index: int = 0
     region: Box | None = None
     """Box of the world outside of which grasps are not drawn; that of an object that was chosen."""
-    selected: Candidate | None = None
+    selected: GraspMarker | None = None
     """The grasp that was clicked."""
 
-    def suited_to(self, contents: Contents) -> Settings:
+    def suited_to(self, data: SceneData) -> Settings:
         """The state to begin with: colours that there can be, and the slice that cuts most matter.
 
         Raises `InputError` where there is no such moment.
         """
-        tsdf = contents.moment(self.moment).tsdf
+        tsdf = data.moment(self.moment).tsdf
         needs_photos = self.colouring in ("photos", "views")
-        index = contents.workspace.resolution // 2
+        index = data.workspace.resolution // 2
         return replace(
             self,
-            colouring="plain" if needs_photos and not contents.photos else self.colouring,
-            slice_index=index if tsdf is None else busiest_slice(tsdf, contents.workspace),
+            colouring="plain" if needs_photos and not data.photos else self.colouring,
+            slice_index=index if tsdf is None else busiest_slice(tsdf, data.workspace),
         )
 
 
-def scores(contents: Contents) -> np.ndarray:
+def scores(data: SceneData) -> np.ndarray:
     """The scores of all predicted grasps of all moments."""
-    return np.array([c.grasp.score for moment in contents.moments for c in moment.grasps])
+    return np.array([c.grasp.score for moment in data.moments for c in moment.grasps])
 
 
-def most_grasps(contents: Contents) -> int:
+def most_grasps(data: SceneData) -> int:
     """The greatest number of grasps that there are to draw at once."""
-    return max(len(contents.truth.grasps), *(len(moment.grasps) for moment in contents.moments))
+    return max(len(data.truth.grasps), *(len(moment.grasps) for moment in data.moments))

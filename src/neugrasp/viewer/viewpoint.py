@@ -8,8 +8,8 @@ import numpy as np
 
 from neugrasp.geometry.pose import Array, apply, inverse, look_at
 from neugrasp.viewer.cameras import base
-from neugrasp.viewer.contents import Contents
-from neugrasp.viewer.tabletop import edge
+from neugrasp.viewer.scene_data import SceneData
+from neugrasp.viewer.table_texture import edge
 
 BESIDE = float(np.deg2rad(50))
 """Azimuth from the middle of the cameras: their photos are seen, and do not hide the table."""
@@ -34,31 +34,31 @@ class Viewpoint:
         return look_at(self.eye, self.target)
 
 
-def viewpoint(contents: Contents, aspect: float = 1.6) -> Viewpoint:
+def viewpoint(data: SceneData, aspect: float = 1.6) -> Viewpoint:
     """Beside the cameras, so near that cube and cameras just fit into a picture `aspect` times as wide as
     high."""
-    workspace = contents.workspace
+    workspace = data.workspace
     offset = np.zeros(3)
-    if contents.views:
-        offset = np.mean([view.camera.centre for view in contents.views], axis=0) - workspace.centre
+    if data.views:
+        offset = np.mean([view.camera.centre for view in data.views], axis=0) - workspace.centre
     azimuth = float(np.arctan2(offset[1], offset[0])) + BESIDE
     direction = np.array(
         [np.sin(POLAR) * np.cos(azimuth), np.sin(POLAR) * np.sin(azimuth), np.cos(POLAR)], dtype=np.float64
     )
-    target, distance, points = workspace.centre, 1.5, landmarks(contents)
+    target, distance, points = workspace.centre, 1.5, landmarks(data)
     for _ in range(TURNS):
         target, distance = _improved(points, target, direction, distance, aspect)
     return Viewpoint(_triple(target + distance * direction), _triple(target))
 
 
-def landmarks(contents: Contents) -> Array:
+def landmarks(data: SceneData) -> Array:
     """Points (n, 3) that are to be seen: the cube above the table, the drawn table, and the cameras."""
-    workspace = contents.workspace
+    workspace = data.workspace
     x, y, z = workspace.centre
     half = edge(workspace) / 2
     table = np.array([(x + a * half, y + b * half, z) for a in (-1, 1) for b in (-1, 1)])
     points = [workspace.corners(bottom=z), table]
-    for view in contents.views:
+    for view in data.views:
         points += [view.camera.centre[None], base(view.camera)]
     return np.concatenate(points)
 

@@ -12,13 +12,13 @@ import torch
 from neugrasp.baselines.graspnerf.config import GraspNerfConfig
 from neugrasp.baselines.graspnerf.network import GraspNerf
 from neugrasp.baselines.graspnerf.recipes import NETWORK
-from neugrasp.detection.ask_head import predict_grasps
+from neugrasp.detection.collision_filter import CollisionFilter
 from neugrasp.detection.contract import Detection, Stopwatch
 from neugrasp.detection.decode import SelectionConfig, select_grasps
 from neugrasp.detection.detector import check_cube, noted_facts, threshold_of
-from neugrasp.detection.hand_check import HandCheck
 from neugrasp.detection.options import DetectorOptions
 from neugrasp.detection.registry import DetectorSpec
+from neugrasp.detection.test_time_augmentation import predict_grasps
 from neugrasp.errors import InputError
 from neugrasp.gripper import Gripper
 from neugrasp.model.checkpoint import find_weights, load_network, notes_of
@@ -83,7 +83,7 @@ def _load(name: str, options: DetectorOptions) -> GraspNerfDetector:
     path, about = _weights(name, options)
     compute, gripper = Compute.of(options.device, options.precision), Gripper.load(options.gripper)
     model = load_network(path, NETWORK, GraspNerfConfig, GraspNerf).to(compute.device)
-    hand = HandCheck(gripper) if options.hand_check else None
+    hand = CollisionFilter(gripper) if options.hand_check else None
     selection = SelectionConfig(threshold=threshold_of(about, options.threshold), hand=hand)
     return GraspNerfDetector(model, gripper, selection, compute)
 
