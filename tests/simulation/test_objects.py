@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 from neugrasp.data.world import Body
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.simulation import glassware, revolution
+from neugrasp.simulation import glassware, lathe
 from neugrasp.simulation.meshes import Mesh, merged, read_obj, write_obj
 from neugrasp.simulation.objects import KINDS, FolderSet, ObjectLibrary, PybulletSet, cache_folder
 from neugrasp.simulation.physics import World

@@ -39,7 +39,7 @@ def test_a_browser_that_is_not_there(monkeypatch: pytest.MonkeyPatch):
 def test_contents_come_without_the_viewers_library(kept_capture: Capture):
     code = (
         "import sys\nfrom pathlib import Path\n"
-        "from neugrasp.viewer.command import Viewer\nfrom neugrasp.viewer.loaders import open_contents\n"
+        "from neugrasp.viewer.command import Viewer\nfrom neugrasp.viewer.loaders import open_scene_data\n"
         "from neugrasp.viewer.drawing import nodes_of\nfrom neugrasp.viewer.settings import Settings\n"
         f"data = open_scene_data(Viewer(Path({str(kept_capture.prediction)!r})))\n"
         "assert len(nodes_of(data, Settings().suited_to(data))) > 10\n"
