@@ -36,7 +36,7 @@ def add_cube(folder: Path, name: str, mesh: str = "") -> Path:
     """A 4 cm cube as NAME.urdf with its mesh; the mesh's path."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{name}.obj"
-    write_obj(path, (revolution.box(np.full(3, 0.02)),))
+    write_obj(path, (lathe.box(np.full(3, 0.02)),))
     (folder / f"{name}.urdf").write_text(URDF.format(mesh=mesh or path.name))
     return path
 
