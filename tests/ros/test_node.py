@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image as Picture
 
 pytest.importorskip("websockets", minversion="15")
 
@@ -139,10 +140,59 @@ def test_old_photos_are_not_grasped_by(peer: Peer, given: Parameters, show: Show
 
 
 def test_messages_that_are_none_are_passed_over(ready: Peer):
+    deep = '{"op": ' + 5000 * "[" + 5000 * "]" + "}"
+    twice = '{"op": "publish", "op": "call_service", "service": "/neugrasp/plan"}'
     for text in ("{", "[]", '{"op": 1}', '{"op": "publish"}', '{"op": "publish", "topic": "/tf", "msg": {}}'):
+        ready._connection.send(text)
+    endless = '{"op": "publish", "topic": "/tf", "msg": {"transforms": 1e999}}'
+    for text in (deep, twice, endless, '{"op": [1]}'):
         ready._connection.send(text)
     ready.say(op="call_service", id="q", service="/neugrasp/plan", args={})
     assert ready.wait("service_response", id="q")["values"]["success"]
+
+
+def test_every_caller_gets_an_answer(ready: Peer, node: Node, monkeypatch: pytest.MonkeyPatch):
+    def broken(views: Views) -> None:
+        raise RuntimeError("CUDA error")
+
+    monkeypatch.setattr(node, "_detect", broken)
+    ready.say(op="call_service", id="x", service="/neugrasp/plan", args={})
+    values = ready.wait("service_response", id="x")["values"]
+    assert not values["success"]
+    assert "mistake of the node (RuntimeError)" in values["message"]
+    for goal in ("g", 7, ["g"]):
+        ready.say(op="send_action_goal", id=goal, args={}, **ACTION)
+        assert ready.wait("action_result", id=goal)["status"] == 6
+
+
+def test_a_goal_with_a_number_is_cancelled_like_others(ready: Peer):
+    ready.say(op="cancel_action_goal", id=8, action=ACTION["action"])
+    ready.say(op="send_action_goal", id=8, args={}, **ACTION)
+    assert ready.wait("action_result", id=8)["status"] == 5
+
+
+def test_another_service_does_not_take_photos_of_the_empty_table(ready: Peer, given: Parameters):
+    before = (given.backgrounds / "0.png").stat().st_mtime_ns
+    for number, name in enumerate(("/neugrasp//plan", "/neugrasp/plan/", "/other", "")):
+        ready.say(op="call_service", id=number, service=name, args={})
+        values = ready.wait("service_response", id=number)["values"]
+        assert (values["success"], values["message"]) == (False, f"there is no service {name!r}")
+    assert (given.backgrounds / "0.png").stat().st_mtime_ns == before
+
+
+def test_backgrounds_of_another_size_are_told(ready: Peer, given: Parameters):
+    file = given.backgrounds / "0.png"
+    Picture.new("RGB", (100, 80)).save(file)
+    ready.say(op="call_service", id="s", service="/neugrasp/plan", args={})
+    message = ready.wait("service_response", id="s")["values"]["message"]
+    assert f"{file}: 100 x 80 pixels, /camera0/image has" in message
+    assert "take_backgrounds again" in message
+
+
+def test_a_photo_of_another_frame_than_given_is_told(ready: Peer, caplog: pytest.LogCaptureFixture):
+    ready.say(op="call_service", id="f", service="/neugrasp/plan", args={})
+    ready.wait("service_response", id="f")
+    assert "/camera0/image: says that its frame is optical, not optical0 as given" in caplog.text
 
 
 @pytest.mark.parametrize("encoding", ["bgr8", "rgb8", "mono8"])
@@ -159,6 +209,10 @@ def test_raw_photos_come_as_they_were(encoding: str, rng: np.random.Generator):
         ({"step": 3}, "step is 3"),
         ({"data": "AAAA"}, "data has 3 bytes"),
         ({"data": "%"}, "no base64"),
+        ({"data": [1, 256]}, "data is no list of bytes"),
+        ({"data": [1, -1]}, "data is no list of bytes"),
+        ({"data": [1.5, True, "a"]}, "data is no list of bytes"),
+        ({"data": None}, "data is None"),
         ({"height": 10**9}, "height is"),
     ],
 )
@@ -171,6 +225,10 @@ def test_raw_photos_that_are_none(change: dict, words: str):
     ("change", "is_rectified", "words"),
     [
         ({}, False, "distorted"),
+        ({"d": [None]}, False, "d is .None.; it must be a list of numbers"),
+        ({"d": ["0"]}, False, "it must be a list of numbers"),
+        ({"d": [float("nan")]}, False, "distorted"),
+        ({"p": 12 * [0.0]}, True, "camera is not calibrated"),
         ({"p": [100, 0, 20, -5, 0, 100, 20, 0, 0, 0, 1, 0]}, True, "right one of a stereo pair"),
         ({"binning_x": 2}, True, "whole size"),
         ({"width": 7}, True, "the photo has 50 x 40"),
@@ -217,7 +275,14 @@ def test_parameters_are_written_to_be_read(tmp_path: Path, capsys: pytest.Captur
     assert cli.main(["ros", str(file), "--write"]) == 2
     content = json.loads(file.read_text())
     for change, words in (
-        ({"bridge": "http://x"}, "bridge must begin with ws"),
+        ({"bridge": "http://x"}, "bridge is 'http://x'; it must be as ws://127.0.0.1:9090"),
+        ({"bridge": "ws://"}, "bridge is 'ws://'"),
+        ({"bridge": "ws://host:port"}, "bridge is 'ws://host:port'"),
+        ({"namespace": "/neugrasp/"}, "namespace is '/neugrasp/'; it must be as /neugrasp"),
+        ({"namespace": ""}, "namespace is ''"),
+        ({"finger_joints": []}, "it must be a list of names"),
+        ({"finger_joints": ["a", 1]}, "it must be a list of names"),
+        ({"cameras": 2 * content["cameras"][:1]}, "name one topic of photos twice"),
         ({"colour": 1}, "colour is unknown"),
         ({"link": "wrist"}, "link is 'wrist'"),
         ({"cameras": []}, "cameras has 0"),

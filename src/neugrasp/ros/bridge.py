@@ -12,6 +12,7 @@ import logging
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
+from neugrasp.data.strict_json import parse_json
 from neugrasp.errors import InputError, require
 
 log = logging.getLogger(__name__)
@@ -65,9 +66,9 @@ class Bridge:
 
     def _take(self, text: str | bytes) -> None:
         try:
-            message = json.loads(text)
+            message = parse_json(text, "a message", judges_values=False)
             handler = self._handlers.get(message["op"])
-        except (ValueError, KeyError, TypeError) as error:
+        except (InputError, KeyError, TypeError) as error:
             log.warning("%s: a message that is none (%s)", self._url, error)
             return
         if handler is not None:
@@ -81,3 +82,5 @@ class Bridge:
             await handler(message)
         except InputError as error:
             log.warning("%s", error)
+        except Exception as error:
+            log.error("a message could not be answered", exc_info=error)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neugrasp.data.camera_checks import check_intrinsics
-from neugrasp.data.fields import Fields
+from neugrasp.data.fields import Fields, is_number, shown
 from neugrasp.data.photo_files import Photo, read_image
 from neugrasp.exporters.ros import link_from_tcp, pose_stamped
 from neugrasp.geometry.pose import Array, from_quaternion, inverse
@@ -38,7 +38,9 @@ def photo_of(message: dict[str, Any], topic: str, is_compressed: bool) -> Image:
     given = Fields(topic, message)
     data = given.get("data")
     if isinstance(data, list):
-        content = bytes(np.array(data, dtype=np.uint8))
+        if not all(type(value) is int and 0 <= value <= 255 for value in data):
+            raise given.refuse("data", "is no list of bytes, whole numbers from 0 to 255")
+        content = bytes(data)
     else:
         try:
             content = base64.b64decode(given.text("data"), validate=True)
@@ -78,8 +80,13 @@ def intrinsics_of(message: dict[str, Any], topic: str, photo: Image, is_rectifie
         p = given.numbers("p", 12, FARTHEST, "12 numbers").reshape(3, 4)
         if np.abs(p[:, 3]).max() > 1e-6:
             raise given.refuse("p", "shifts the camera (the right one of a stereo pair): take the left one")
+        if not p.any():
+            raise given.refuse("p", "is all zeros: the camera is not calibrated")
         return check_intrinsics(p[:, :3].tolist(), width, height, topic)
-    if any(abs(float(x)) > 1e-9 for x in given.list("d")):
+    distortion = given.list("d")
+    if not all(map(is_number, distortion)):
+        raise given.refuse("d", f"is {shown(distortion)}; it must be a list of numbers")
+    if any(not abs(x) <= 1e-9 for x in distortion):
         raise given.refuse(
             "d", "is not 0: photos are distorted; subscribe to those of image_proc with is_rectified"
         )

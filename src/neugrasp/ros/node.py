@@ -94,12 +94,14 @@ class Node:
             if name == self._name("plan"):
                 detection = await self._found()
                 said = f"{len(detection.grasps)} grasps ({explain(detection)})"
-            else:
+            elif name == self._name("take_backgrounds"):
                 await asyncio.to_thread(self._keep_backgrounds)
                 said = f"{len(self.given.cameras)} photos of the empty table in {self.given.backgrounds}"
+            else:
+                raise InputError(f"there is no service {name!r}")
             values = {"success": True, "message": said}
-        except NeuGraspError as error:
-            values = {"success": False, "message": str(error)}
+        except Exception as error:
+            values = {"success": False, "message": _reason(error)}
         answer = {"op": "service_response", "service": name, "values": values, "result": True}
         await self.bridge.send({**answer, **({"id": message["id"]} if "id" in message else {})})
 
@@ -109,9 +111,9 @@ class Node:
         try:
             detection = await self._found()
             grasps = grasps_of(detection.grasps, self._gripper, self.given)
-            status = CANCELED if goal["id"] in self._cancelled else SUCCEEDED
-        except NeuGraspError as error:
-            log.warning("no grasps: %s", error)
+            status = CANCELED if str(goal["id"]) in self._cancelled else SUCCEEDED
+        except Exception as error:
+            log.warning("no grasps: %s", _reason(error))
             grasps, status = [], ABORTED
         self._cancelled.discard(str(goal["id"]))
         if status == SUCCEEDED:
@@ -146,16 +148,25 @@ class Node:
                 raise InputError(
                     f"{file}: missing; clear the table and call {self._name('take_backgrounds')} once"
                 )
-            photo = self._photo(camera)
-            views.append(
-                View(self._camera(camera, photo), photo, read_image(file, camera.image), name=camera.image)
-            )
+            photo, background = self._photo(camera), read_image(file, camera.image)
+            if photo.shape != background.shape:
+                height, width = background.shape[:2]
+                raise InputError(
+                    f"{file}: {width} x {height} pixels, {camera.image} has {photo.shape[1]} x "
+                    f"{photo.shape[0]}; clear the table and call {self._name('take_backgrounds')} again"
+                )
+            views.append(View(self._camera(camera, photo), photo, background, name=camera.image))
         scene = Views(tuple(views), self.given.workspace)
         check_scene(scene, "the cameras")
         return scene
 
     def _photo(self, camera: CameraTopics) -> Image:
-        return photo_of(self._recent(camera.image), camera.image, camera.is_compressed)
+        message = self._recent(camera.image)
+        head = message.get("header")
+        told = str(head.get("frame_id") or "").lstrip("/") if isinstance(head, dict) else ""
+        if told not in ("", camera.frame):
+            log.warning("%s: says that its frame is %s, not %s as given", camera.image, told, camera.frame)
+        return photo_of(message, camera.image, camera.is_compressed)
 
     def _camera(self, camera: CameraTopics, photo: Image) -> Camera:
         world_from_camera = self._transforms.pose(self.given.world_frame, camera.frame)
@@ -183,6 +194,14 @@ class Node:
         with whole_or_nothing(self.given.backgrounds, names) as part:
             for name, photo in zip(names, photos, strict=True):
                 Picture.fromarray(photo).save(Path(part) / name, compress_level=4)
+
+
+def _reason(error: Exception) -> str:
+    """What a caller is told; of a mistake of ours the log says more."""
+    if isinstance(error, NeuGraspError):
+        return str(error)
+    log.error("a request could not be answered", exc_info=error)
+    return f"a mistake of the node ({type(error).__name__}); its log says more"
 
 
 def _nameless(frame: str) -> dict[str, Any]:

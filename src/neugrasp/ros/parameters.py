@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast, get_args
 
 from neugrasp.data.camera_checks import check_rigid
-from neugrasp.data.fields import Fields
+from neugrasp.data.fields import Fields, shown
 from neugrasp.data.strict_json import read_json
 from neugrasp.errors import InputError
 from neugrasp.exporters.ros import Link
@@ -34,6 +35,9 @@ KEYS = (
     "device",
     "server",
 )
+ADDRESS = re.compile(r"wss?://[^\s/:?#@]+(:\d{1,5})?(/\S*)?|wss?://\[[0-9a-fA-F:.]+\](:\d{1,5})?(/\S*)?")
+NAMESPACE = re.compile(r"(/[A-Za-z]\w*)+", re.ASCII)
+"""As ROS resolves names: another spelling would come back as another name."""
 CAMERA_KEYS = ("image", "camera_info", "frame", "is_rectified")
 
 
@@ -97,14 +101,21 @@ def read_parameters(file: Path) -> Parameters:
         for name in ("bridge", "namespace", "world_frame", "weights", "gripper", "device", "server")
         if given.data.get(name) is not None
     }
-    if not str(told.get("bridge", "ws://")).startswith(("ws://", "wss://")):
-        raise given.refuse("bridge", "must begin with ws:// or wss://")
+    if not ADDRESS.fullmatch(str(told.get("bridge", Parameters.bridge))):
+        raise given.refuse("bridge", f"is {told['bridge']!r}; it must be as {Parameters.bridge}")
+    if not NAMESPACE.fullmatch(str(told.get("namespace", Parameters.namespace))):
+        raise given.refuse("namespace", f"is {told['namespace']!r}; it must be as {Parameters.namespace}")
+    if len({camera.image for camera in cameras}) < len(cameras):
+        raise given.refuse("cameras", "name one topic of photos twice; each view is of a camera of its own")
     if "link" in given.data:
         told["link"] = cast(Link, given.text("link", get_args(Link)))
     if "oldest_s" in given.data:
         told["oldest_s"] = given.number("oldest_s", 0.01, 3600, "s")
     if "finger_joints" in given.data:
-        told["finger_joints"] = tuple(str(name) for name in given.list("finger_joints"))
+        names = given.list("finger_joints")
+        if not names or not all(isinstance(name, str) and name for name in names):
+            raise given.refuse("finger_joints", f"is {shown(names)}; it must be a list of names")
+        told["finger_joints"] = tuple(names)
     backgrounds = file.parent / given.text("backgrounds")
     return Parameters(cameras, replace(workspace, world_from_workspace=pose), backgrounds, **told)
 
