@@ -11,6 +11,7 @@ from typing import Literal, cast, get_args
 
 import numpy as np
 
+from neugrasp.data.camera_checks import check_intrinsics
 from neugrasp.data.fields import Fields
 from neugrasp.data.user_files import read_text
 from neugrasp.errors import InputError
@@ -26,6 +27,8 @@ from neugrasp.robot.trajectory import Pace
 FORMAT, VERSION = "neugrasp-cell", 1
 FAR = 10.0
 """Metres from the origin within which a cell lies."""
+ON_FLANGE = 0.5
+"""Metres from the flange within which a hand or a camera is mounted."""
 ARM_DRIVERS = ("twin", "ur")
 GRIPPER_DRIVERS = ("twin", "robotiq")
 CAMERA_DRIVERS = ("twin", "realsense", "opencv")
@@ -132,7 +135,9 @@ def read_cell(path: Path) -> CellFile:
         ) from None
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except RecursionError:
+        raise InputError(f"{path}: not valid TOML (lists lie too deep in each other)") from None
+    except ValueError as error:
         raise InputError(f"{path}: not valid TOML ({error})") from error
     return _cell(Fields(str(path), data))
 
@@ -190,7 +195,7 @@ def _gripper(fields: Fields) -> GripperPart:
     gripper = Gripper.load(beside if name.endswith(".json") else name)
     force = fields.number("force", 5, 250, "N")
     address = _address(fields, driver, True)
-    return GripperPart(driver, name, gripper, address, force, _pose(fields, "flange_from_hand"))
+    return GripperPart(driver, name, gripper, address, force, _pose(fields, "flange_from_hand", ON_FLANGE))
 
 
 def _camera(fields: Fields) -> CameraPart:
@@ -198,14 +203,11 @@ def _camera(fields: Fields) -> CameraPart:
     fields.only((*known, "exposure_us"))
     driver = fields.text("driver", CAMERA_DRIVERS)
     width, height = fields.whole("width", 64, 8192), fields.whole("height", 64, 8192)
-    intrinsics = fields.rows("intrinsics", 3, 1e5, "a 3 x 3 matrix")
-    if intrinsics.shape != (3, 3) or not (intrinsics[0, 0] > 0 and intrinsics[1, 1] > 0):
-        raise fields.refuse("intrinsics", "is no [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels")
-    if not np.allclose(intrinsics[2], (0, 0, 1)) or intrinsics[1, 0] != 0:
-        raise fields.refuse("intrinsics", "is no [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels")
+    given = fields.rows("intrinsics", 3, 1e5, "a 3 x 3 matrix").tolist()
+    intrinsics = check_intrinsics(given, width, height, f"{fields.source}: {fields.prefix}intrinsics")
     if not (0 <= intrinsics[0, 2] <= width and 0 <= intrinsics[1, 2] <= height):
         raise fields.refuse("intrinsics", f"has its principal point outside {width} x {height} pixels")
-    mounted = _pose(fields, "flange_from_camera")
+    mounted = _pose(fields, "flange_from_camera", ON_FLANGE)
     edges = fields.numbers("housing", 3, 0.5, "[x, y, z] in metres")
     signs = np.stack(np.meshgrid((-1, 1), (-1, 1), (-1, 1)), -1).reshape(-1, 3)
     if not np.all(edges > 0):
@@ -224,15 +226,17 @@ def _address(fields: Fields, driver: str, needed: bool) -> str:
     return fields.text("address") if needed or "address" in fields.data else ""
 
 
-def _pose(fields: Fields, field: str) -> Array:
+def _pose(fields: Fields, field: str, far: float = FAR) -> Array:
     inside = fields.inside(field)
     inside.only(("position", "quaternion_xyzw"))
-    position = inside.numbers("position", 3, FAR, "[x, y, z] in metres")
+    position = inside.numbers("position", 3, far, f"[x, y, z] in metres, each within {far:g} of 0")
     return from_quaternion(inside.unit("quaternion_xyzw", 4), position)
 
 
 def _joints(fields: Fields, field: str, model: ArmModel) -> Array:
     degrees = fields.numbers(field, JOINTS, 360, "six angles in degrees (each from -360 to 360)")
+    if degrees.any() and np.abs(degrees).max() <= 2 * np.pi:
+        raise fields.refuse(field, f"is {degrees.tolist()}, which looks like radians; give degrees")
     joints = np.deg2rad(degrees)
     if np.any(joints < np.array(model.low)) or np.any(joints > np.array(model.high)):
         raise fields.refuse(field, f"is {degrees.tolist()}; a joint is beyond the range of a {model.name}")
