@@ -116,3 +116,41 @@ def test_labels_that_do_not_fit_are_named(capture: Path):
     (capture / "grasps.npz").write_bytes(b"no archive")
     with pytest.raises(InputError, match=r"grasps\.npz: damaged"):
         read_capture(capture)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda it: replace(it, points=1000 * it.points), "40 of 40 .* outside of the cube .*millimetres"),
+        (
+            lambda it: replace(it, points=apply(PLACE, it.points)),
+            "40 of 40 .* outside of the cube .*those of the world",
+        ),
+        (
+            lambda it: replace(it, points=it.points - [0, 0, 0.2]),
+            "40 of 40 .* outside of the cube; they are in",
+        ),
+        (lambda it: replace(it, points=it.points - [0, 0, 0.09]), "20 of 20 grasps that held lie below"),
+        (lambda it: replace(it, widths=1000 * it.widths), "a grasp held 60 m wide"),
+        (lambda it: replace(it, widths=0 * it.widths), "a grasp held 0 m wide"),
+        (lambda it: replace(it, quaternions=2 * it.quaternions), "a quaternion has length 2"),
+        (lambda it: replace(it, quaternions=0 * it.quaternions), "a quaternion has length 0"),
+        (
+            lambda it: replace(it, quaternions=np.tile(np.float32([0, 0, 0, 1]), (40, 1))),
+            "20 of 20 grasps that held came from below",
+        ),
+    ],
+)
+def test_labels_that_can_be_no_grasps_of_this_cube_are_named(capture: Path, change, words: str):
+    write_capture(capture, moved(ball_record().views()), change(ball_record().labels))
+    with pytest.raises(InputError, match=rf"grasps\.npz: {words}"):
+        read_capture(capture)
+
+
+def test_some_labels_outside_of_the_cube_are_told(capture: Path, caplog: pytest.LogCaptureFixture):
+    labels = ball_record().labels
+    points = labels.points.copy()
+    points[30:] += 0.5
+    write_capture(capture, moved(ball_record().views()), replace(labels, points=points))
+    assert len(read_capture(capture).labels.success) == 40
+    assert "10 of 40 grasp points lie outside of the cube: left out" in caplog.text

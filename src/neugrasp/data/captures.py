@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from neugrasp.data.grasp_scene import GraspScene
+from neugrasp.data.label_checks import check_labels
 from neugrasp.data.labels import LABELS_FILE, GraspLabels, labels_from_bytes, labels_to_bytes
 from neugrasp.data.scene_folder import FILE, read_scene, write_scene
 from neugrasp.errors import DataError, InputError, told_as
@@ -33,7 +34,8 @@ def read_capture(folder: Path, targets: bool = True) -> GraspScene:
     Raises `DataError` naming the file that is damaged, or what does not fit.
     """
     folder = Path(folder)
-    views = read_scene(folder).in_workspace_frame()
+    scene = read_scene(folder)
+    views = scene.in_workspace_frame()
     labels = folder / LABELS_FILE
     try:
         data = labels.read_bytes()
@@ -48,7 +50,7 @@ def read_capture(folder: Path, targets: bool = True) -> GraspScene:
     return GraspScene(
         name=folder.name,
         workspace=views.workspace,
-        labels=labels_from_bytes(data, str(labels)),
+        labels=check_labels(labels_from_bytes(data, str(labels)), scene.workspace, str(labels)),
         views=views,
         targets=compared,
     )
