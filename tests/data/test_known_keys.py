@@ -260,3 +260,32 @@ def test_what_is_refused_is_not_called_ignored(key: str, caplog: pytest.LogCaptu
         [{"frame": 1, key: BENT[key], "colour": 2}], ("frame",), "a.json", logging.getLogger("test")
     )
     assert [record.args[1] for record in caplog.records] == ["colour"]
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("\u7578\u53d8", [0.1, 0, 0, 0, 0]),
+        ("\u6bd4\u4f8b", 1.05),
+        ("\u9c7c\u773c", True),
+        ("\u955c\u5934", "fisheye"),
+        ("\u955c\u5934", {"k": [0, 0.1]}),
+        ("\u1d05\u026a\ua731\u1d1b", [0.1]),
+        ("\uabafoeffs", [0.1]),
+        ("\u03f3\u0576", -0.5),
+        ("\uab6foeffs", [0.1]),
+        ("\u05e2\u05d9\u05d5\u05d5\u05ea", "equirectangular"),
+    ],
+)
+def test_what_nobody_here_can_read_is_no_note_where_it_holds_more_than_words(key: str, value: Any):
+    with pytest.raises(InputError, match="is in letters that are not read here"):
+        refuse_bends({key: value}, ("image",), "scene.json")
+    refuse_bends({f"_{key}": value}, ("image",), "scene.json")
+
+
+@pytest.mark.parametrize(
+    "value", ["\u5de6\u8fb9", "2 cm", "", None, False, 0, [], {"\u5907\u6ce8": "a"}, [0, 0.0]]
+)
+def test_notes_in_any_letters_are_notes(value: Any):
+    for key in ("\u5907\u6ce8", "\u26a0", "\u00fcbersicht"):
+        refuse_bends({key: value}, ("image",), "scene.json")

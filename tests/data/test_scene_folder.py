@@ -153,7 +153,7 @@ def one_pose(matrix: Callable[[np.ndarray], np.ndarray]) -> Edit:
     return edit
 
 
-def one_camera(row: int, column: int, value: float) -> Edit:
+def one_camera(row: int, column: int, value: object) -> Edit:
     def edit(data: dict[str, Any]) -> None:
         data["views"][2]["intrinsics"][row][column] = value
 
@@ -201,6 +201,8 @@ MISTAKES: dict[str, tuple[Edit, str]] = {
     "3 x 4": (one_pose(lambda pose: pose[:3]), "view 1: world_from_camera: .*4 x 4 numbers"),
     "NaN pose": (one_pose(lambda pose: pose * np.nan), "view 1: world_from_camera: contains NaN"),
     "no pose": (lambda data: data["views"][1].pop("world_from_camera"), "view 1: world_from_camera: missing"),
+    "focal in words": (one_camera(0, 0, "60.0"), "view 2: intrinsics: of another shape or type"),
+    "focal true": (one_camera(0, 1, False), "view 2: intrinsics: of another shape or type"),
     "focal zero": (one_camera(0, 0, 0.0), "view 2: intrinsics: focal lengths 0 and .* must be positive"),
     "focal negative": (one_camera(1, 1, -40.0), "view 2: intrinsics: .*must be positive"),
     "normalised": (one_camera(0, 0, 0.7), "view 2: intrinsics: .*too short"),

@@ -32,7 +32,7 @@ logger = logging.getLogger(__name__)
 def numbers(value: Any, shape: tuple[int, ...], where: str) -> Array:
     """`value` as a float64 array of `shape`, all finite."""
     try:
-        array = np.array(value, dtype=np.float64)
+        array = np.array(value, dtype=np.float64) if _is_numeric(value) else None
     except (TypeError, ValueError, OverflowError):
         array = None
     wanted = " x ".join(str(n) for n in shape) + " numbers" if shape else "a number"
@@ -44,6 +44,13 @@ def numbers(value: Any, shape: tuple[int, ...], where: str) -> Array:
     if np.any(np.abs(array) > LARGEST_NUMBER):
         raise InputError(f"{where}: {np.abs(array).max():.3g} is no length and no pixel; it must be {wanted}")
     return array
+
+
+def _is_numeric(value: Any) -> bool:
+    """Whether there are numbers alone in lists, or an array; words and truth values are none."""
+    if isinstance(value, list | tuple):
+        return all(map(_is_numeric, value))
+    return isinstance(value, int | float | np.ndarray | np.number) and not isinstance(value, bool)
 
 
 def check_rigid(value: Any, where: str) -> Array:

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from neugrasp.data.bends import bend_of
-from neugrasp.data.spelling import plain
+from neugrasp.data.bends import NO_PINHOLE, bend_of
+from neugrasp.data.spelling import is_foreign, plain
 from neugrasp.errors import InputError
 
 OF_A_CAMERA = re.compile(
@@ -49,6 +49,11 @@ def refuse_bends(
         if bend := bend_of(key, value):
             what = f"{key!r} {bend.what}, which is not read here"
             raise InputError(f"{where}: {what}; {remedy or bend.remedy}")
+        if not is_remark(key) and is_foreign(key) and _may_bend(value):
+            raise InputError(
+                f"{where}: {key!r} is in letters that are not read here, and may say something of a "
+                f"camera; leave it away (as a remark it begins with an underscore: '_{key}')"
+            )
         if not is_remark(key) and _is_another_pose(value, used):
             hint = _meant(key, known) or "; leave it away"
             raise InputError(
@@ -81,6 +86,15 @@ def refuse_unknown(entry: Mapping[str, Any], known: Collection[str], where: str)
 def is_remark(key: str) -> bool:
     """Whether a key is for people alone."""
     return key.startswith(("_", "$", "//")) or plain(key) in REMARKS
+
+
+def _may_bend(value: Any) -> bool:
+    """Whether a value is more than a note: it holds numbers, switches something on, or names a lens."""
+    if isinstance(value, str):
+        return re.search(NO_PINHOLE, plain(value)) is not None
+    if isinstance(value, Mapping | list):
+        return any(map(_may_bend, value.values() if isinstance(value, Mapping) else value))
+    return value not in (None, 0)
 
 
 def warn_of_unknown(

@@ -17,3 +17,8 @@ def plain(word: str) -> str:
     letters, and those of other alphabets that look the same make no difference."""
     letters = unicodedata.normalize("NFKD", word).casefold().translate(LATIN_LIKE)
     return re.sub(r"[^a-z0-9]", "", letters)
+
+
+def is_foreign(word: str) -> bool:
+    """Whether a word holds letters of which `plain` leaves nothing: nobody here knows what it says."""
+    return any(unicodedata.category(letter)[0] in "LNC" and not plain(letter) for letter in word)

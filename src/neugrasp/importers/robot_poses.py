@@ -123,7 +123,11 @@ def _shot(data: dict[str, Any], entry: dict[str, Any], where: str) -> PosedImage
 def _suspects(hand_eye: Any, flange: Any) -> dict[str, Array]:
     """world_from_camera after each of the usual confusions of hand-eye calibrations, undone."""
     flange_from_camera, base_from_flange = pose_of(hand_eye, ""), pose_of(flange, "")
+    base_m, hand_m = _in_metres(base_from_flange), _in_metres(flange_from_camera)
     suspects = {
+        "base_from_flange and flange_from_camera look like millimetres: give metres": base_m @ hand_m,
+        "base_from_flange looks like millimetres: give metres": base_m @ flange_from_camera,
+        "flange_from_camera looks like millimetres: give metres": base_from_flange @ hand_m,
         "flange_from_camera looks like camera_from_flange: write the inverse": base_from_flange
         @ inverse(flange_from_camera),
         "base_from_flange looks like flange_from_base: write the inverse": inverse(base_from_flange)
@@ -148,6 +152,11 @@ def _suspects(hand_eye: Any, flange: Any) -> dict[str, Array]:
             turned @ flange_from_camera
         )
     return suspects
+
+
+def _in_metres(pose: Array) -> Array:
+    """What is meant by a pose in millimetres."""
+    return rigid(pose[:3, :3], pose[:3, 3] / 1000)
 
 
 def _reordered(value: Any) -> Array | None:
@@ -191,10 +200,15 @@ def _rows(file: Path) -> list[tuple[dict[str, Any], str]]:
 def _view(line: dict[str, Any], number: int, file: Path, columns: tuple[str, ...]) -> dict[str, Any]:
     if None in line or None in line.values():
         raise InputError(f"{file}, line {number}: has more or fewer cells than the first line")
-    return {
-        "image": line["image"].strip(),
-        "base_from_flange": {
-            "position": [line[column] for column in columns[1:4]],
-            "quaternion_xyzw" if columns is COLUMNS else "rotation_vector": [line[c] for c in columns[4:]],
-        },
-    }
+    place = [_number(line[column]) for column in columns[1:4]]
+    turn = [_number(line[column]) for column in columns[4:]]
+    kind = "quaternion_xyzw" if columns is COLUMNS else "rotation_vector"
+    return {"image": line["image"].strip(), "base_from_flange": {"position": place, kind: turn}}
+
+
+def _number(cell: str) -> float | str:
+    """What a cell says, if it is a number."""
+    try:
+        return float(cell)
+    except ValueError:
+        return cell
