@@ -23,6 +23,9 @@ from neugrasp.errors import GripperFileError, InputError, told_as
 from neugrasp.geometry.pose import Array
 
 FORMAT, VERSION = "neugrasp-gripper", 1
+LENGTHS = ("max_opening", "finger_depth", "tcp_height", "tcp_depth")
+FORCES = ("closing_force", "closing_speed", "holding_force", "centring_force")
+LINK_KEYS = ("mass", "centre_of_mass", "parts")
 REACH = 1.0
 """Metres from the flange within which every corner of a gripper lies."""
 STEM = 0.06
@@ -157,16 +160,21 @@ def _folder() -> Any:
 
 def _gripper(fields: Fields) -> Gripper:
     fields.expect(FORMAT, VERSION)
+    fields.only((*LENGTHS, *FORCES, "format", "version", "name", "palm", "finger"))
     if not fields.text("name"):
         raise fields.refuse("name", "must be a word")
-    finger, pads = fields.inside("finger"), fields.inside("finger").inside("pads")
+    palm, finger = fields.inside("palm"), fields.inside("finger")
+    pads = finger.inside("pads")
+    palm.only(LINK_KEYS)
+    finger.only((*LINK_KEYS, "mount", "pads"))
+    pads.only(Pads.__dataclass_fields__)
     gripper = Gripper(
         name=fields.text("name"),
         max_opening=fields.number("max_opening", 0.005, 0.5, "m"),
         finger_depth=fields.number("finger_depth", 0.005, 0.3, "m"),
         tcp_height=fields.number("tcp_height", 0.01, 0.5, "m"),
         tcp_depth=fields.number("tcp_depth", 0.0, 0.3, "m"),
-        palm=_link(fields.inside("palm")),
+        palm=_link(palm),
         finger=_link(finger),
         finger_mount=finger.number("mount", 0.0, 0.5, "m"),
         pads=Pads(
@@ -197,6 +205,7 @@ def _point(fields: Fields, field: str) -> Array:
 
 
 def _hull(part: Fields) -> Array:
+    part.only(("hull",) if "hull" in part.data else ("size", "centre"))
     if "hull" in part.data:
         shape = "[[x, y, z], ...] in metres (each within 1 m of the flange)"
         corners = part.rows("hull", 3, REACH, shape)

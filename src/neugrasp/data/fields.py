@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterable
 from typing import Any
 
@@ -10,6 +11,8 @@ from numpy.typing import NDArray
 
 from neugrasp.errors import InputError
 
+REMARKS = ("comment", "comments", "note", "notes", "description")
+"""Fields for people alone, with those that begin with an underscore."""
 SHOWN = 60
 """Characters of a wrong value that a message shows."""
 
@@ -44,9 +47,11 @@ class Fields:
             raise self.refuse("version", f"is {version}; this program reads version {newest}{hint}")
 
     def only(self, names: Iterable[str]) -> None:
-        """Checks that there is no other field than these."""
-        if unknown := sorted(set(self.data) - set(names)):
-            raise self.refuse(unknown[0], "is unknown")
+        """Checks that there is no other field than these, but for remarks."""
+        known = tuple(names)
+        for unknown in sorted(name for name in set(self.data) - {*known, *REMARKS} if name[:1] != "_"):
+            near = difflib.get_close_matches(unknown, known, n=1)
+            raise self.refuse(unknown, f"is unknown{f'; did you mean {near[0]!r}?' if near else ''}")
 
     def inside(self, field: str) -> Fields:
         """The object under a name."""
