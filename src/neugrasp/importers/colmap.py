@@ -43,6 +43,8 @@ def read_model(folder: Path) -> list[Listed]:
                 raise InputError(f"{folder}: damaged COLMAP model ({error!r})") from error
             if not listed:
                 raise InputError(f"{images_file}: no image is registered in this model")
+            if suffix == "bin" and (other := images_file.with_suffix(".txt")).exists():
+                logger.warning("%s is read, %s beside it is not", images_file, other.name)
             return listed
     models = sorted(str(file.parent) for file in folder.rglob("cameras.*") if file.suffix in (".bin", ".txt"))
     hint = f"; did you mean {models[0]}?" if models else ""
@@ -62,6 +64,8 @@ def _by_number(file: Path, cameras: Iterable[ColmapCamera]) -> Cameras:
 def _listed(file: Path, name: str, pose: Sequence[float], camera: int, cameras: Cameras) -> Listed:
     """An image with qw, qx, qy, qz, tx, ty, tz as they are written."""
     check_name(name, str(file))
+    if not name.strip():
+        raise InputError(f"{file}: an image without a name; is the file damaged?")
     if camera not in cameras:
         raise InputError(f"{file}: {name} has camera {camera}, which is not in the cameras' file")
     return Listed(name, lambda: _shot(file, name, pose, cameras[camera]))

@@ -53,7 +53,9 @@ def lens_of(
     k1, k2, p1, p2, k3 = _bends(own, common)
     _check_model(own if "model" in own else common, any((k1, k2, p1, p2, k3)))
     intrinsics = np.array([[fx, 0, cx - shift], [0, fy, cy - shift], [0, 0, 1.0]])
-    width, height = (round(float(edge)) for edge in size)
+    if any(float(edge) % 1 for edge in size):
+        raise InputError(f"{where}: photos of {size[0]:g} x {size[1]:g} pixels; both must be whole numbers")
+    width, height = (int(edge) for edge in size)
     return checked(Lens(intrinsics, width, height, (k1, k2, k3), (p1, p2)), f"{where}: intrinsics")
 
 
