@@ -473,6 +473,12 @@ def test_what_is_no_file_is_not_waited_for(tmp_path: Path):
         ({"quaternion_xyzw": [0, 0, 0, 0]}, "quaternion_xyzw has length 0; it must be 1"),
         ({"quaternion_xyzw": [2, 0, 0, 0]}, "has length 2"),
         ({"quaternion_xyzw": [1, 0, 0]}, "quaternion_xyzw is not"),
+        ({"position": [100.0, 200.0, 300.0]}, "pregrasp_position is 373.8 m from position"),
+        ({"pregrasp_position": [100.0, 200.0, 350.0]}, "pregrasp_position is 4.* m from position"),
+        ({"pregrasp_position": [0.1, 0.2, 0.3]}, "pregrasp_position is 0 m from position"),
+        ({"pregrasp_position": [0.1, 0.2]}, "pregrasp_position is not"),
+        ({"quaternion_xyzw": [0, 0, 1, 0]}, "180 degrees off the approach"),
+        ({"quaternion_xyzw": [0.5, 0.5, 0.5, 0.5]}, "90 degrees off the approach.*in another order"),
         ({"width": -1}, "width is -1"),
         ({"width": 0}, "width is 0"),
         ({"width": 40.0}, "width is 40"),
@@ -495,6 +501,20 @@ def test_a_grasp_that_is_none_is_named_and_never_exported(change: dict[str, Any]
     with pytest.raises(InputError, match=message) as caught:
         read_grasps(file)
     assert "found.json" in str(caught.value)
+
+
+def test_grasps_in_millimetres_of_another_program_are_refused(file: Path):
+    write_grasps(file, [GRASP])
+    data = json.loads(file.read_text())
+    entry = {key: value for key, value in data["grasps"][0].items() if "pregrasp" not in key}
+    for position in ([100, 200, 300], [41.2, -5.1, 13.3]):
+        file.write_text(json.dumps({**data, "grasps": [{**entry, "position": position}]}))
+        with pytest.raises(InputError, match=r"grasps\[0\]\.position is .* looks like millimetres"):
+            read_grasps(file)
+    # Our own grasps on a map whose origin is far away say where the hand comes from.
+    far = Grasp(rigid(GRASP.pose[:3, :3], (5e5, 4e6, 300.0)), 0.05, 0.97)
+    write_grasps(file, [far])
+    assert read_grasps(file)[0].position.tolist() == [5e5, 4e6, 300.0]
 
 
 @pytest.mark.parametrize("change", [{"units": "mm"}, {"scale": 0.001}, {"handed": "left"}, {"s\u0441ale": 2}])

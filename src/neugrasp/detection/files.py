@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from neugrasp.data.fields import Fields
 from neugrasp.data.known_keys import refuse_bends
 from neugrasp.data.strict_json import read_json
-from neugrasp.geometry.pose import from_quaternion, to_quaternion
+from neugrasp.geometry.pose import Array, from_quaternion, to_quaternion
 from neugrasp.geometry.surface import Surface
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
@@ -27,6 +27,10 @@ KEYS = ("format", "version", "frame", "up", "grasps", "scene", "gripper")
 GRASP_KEYS = ("position", "quaternion_xyzw", "width", "score", "pregrasp_position", "retreat_position")
 FARTHEST = 1e9
 """Metres from the world's origin within which a grasp may lie."""
+NEAR = 10.0
+"""The same where nothing else tells the unit."""
+LONGEST_APPROACH, STRAIGHT = 0.5, 5.0
+"""Metres from the open hand to the grasp, and degrees that it may be off the approach."""
 WIDEST = 1.0
 """Metres between the pads."""
 HIGHEST = 1.001
@@ -104,7 +108,34 @@ def _grasp(fields: Fields) -> Grasp:
     refuse_bends(fields.data, GRASP_KEYS, f"{fields.source}: {fields.prefix.rstrip('.')}")
     position = fields.numbers("position", 3, FARTHEST, "[x, y, z] in metres")
     pose = from_quaternion(fields.unit("quaternion_xyzw", 4), position)
+    if "pregrasp_position" in fields.data:
+        _check_pregrasp(fields, pose)
+    elif (far := float(np.linalg.norm(position))) > NEAR:
+        raise fields.refuse(
+            "position",
+            f"is {far:.4g} m from the world's origin, which looks like millimetres; give metres (where the "
+            "origin is as far away, give pregrasp_position, too)",
+        )
     return Grasp(pose, width_of(fields), fields.number("score", 0, HIGHEST))
+
+
+def _check_pregrasp(fields: Fields, pose: Array) -> None:
+    """Raises `InputError` where the open hand would not come from behind: one of the two was written in
+    another unit or another convention."""
+    before = fields.numbers("pregrasp_position", 3, FARTHEST, "[x, y, z] in metres")
+    back = pose[:3, 3] - before
+    distance = float(np.linalg.norm(back))
+    if not 0 < distance <= LONGEST_APPROACH:
+        raise fields.refuse(
+            "pregrasp_position", f"is {distance:.4g} m from position; it must be up to {LONGEST_APPROACH:g} m"
+        )
+    angle = float(np.rad2deg(np.arccos(np.clip(pose[:3, 2] @ back / distance, -1, 1))))
+    if angle > STRAIGHT:
+        raise fields.refuse(
+            "pregrasp_position",
+            f"is {angle:.0f} degrees off the approach, the z axis of quaternion_xyzw; is that in another "
+            "order, or one of them in another frame?",
+        )
 
 
 def width_of(fields: Fields) -> float:
