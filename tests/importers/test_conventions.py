@@ -105,6 +105,10 @@ def quaternion_first(pose: Array) -> dict[str, Any]:
     return {"position": pose[:3, 3].tolist(), "quaternion_xyzw": [w, x, y, z]}
 
 
+def millimetres(pose: Array) -> Array:
+    return rigid(pose[:3, :3], 1000 * pose[:3, 3])
+
+
 def tool(length: float) -> Array:
     return rigid(translation=(0, 0, length))
 
@@ -117,6 +121,13 @@ POSES: dict[str, tuple[Callable[[Array], Any], Callable[[Array], Any], str]] = {
         np.array,
         "flange_from_camera ends in ROS's camera_link",
     ),
+    "millimetres": (
+        millimetres,
+        millimetres,
+        "base_from_flange and flange_from_camera look like millimetres",
+    ),
+    "flange millimetres": (np.array, millimetres, "; base_from_flange looks like millimetres"),
+    "hand-eye millimetres": (millimetres, np.array, "; flange_from_camera looks like millimetres"),
     "OpenGL": (lambda pose: pose @ OPENGL, np.array, "flange_from_camera has OpenGL axes"),
     "hand-eye wxyz": (
         quaternion_first,
