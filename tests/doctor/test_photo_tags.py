@@ -109,3 +109,24 @@ def test_the_proportions_count_however_a_photo_was_turned(tmp_path: Path):
         assert photo_tags(file, "view 0") == Tags(None, 26.0, pytest.approx(26 * 500 / np.hypot(36, 24)))
     tag(file, {0xA405: 26, 0xA002: 4000, 0xA003: 4000})
     assert photo_tags(file, "view 0") == Tags(None, 26.0, None)
+
+
+def behind_the_pixels(file: Path) -> None:
+    """Moves the tags of a PNG to its end, where some programs write them."""
+    chunks, data = [], file.read_bytes()[8:]
+    while data:
+        end = int.from_bytes(data[:4], "big") + 12
+        chunks.append(data[:end])
+        data = data[end:]
+    tags = [chunk for chunk in chunks if chunk[4:8] == b"eXIf"]
+    rest = [chunk for chunk in chunks if chunk[4:8] != b"eXIf"]
+    assert len(tags) == 1
+    file.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join([*rest[:-1], *tags, rest[-1]]))
+
+
+def test_tags_behind_the_pixels_are_found_and_nothing_is_decoded_for_none(scene: Path, monkeypatch):
+    tag(scene / "images/0.png", {}, orientation=6)
+    behind_the_pixels(scene / "images/0.png")
+    assert photo_tags(scene / "images/0.png", "here").lies == AS_STORED[6]
+    monkeypatch.setattr(Picture.core, "zip_decoder", None)
+    assert photo_tags(scene / "images/1.png", "here") == Tags()

@@ -9,11 +9,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from PIL import Image as Picture
 from PIL import UnidentifiedImageError
+from PIL.PngImagePlugin import PngImageFile
 
 from neugrasp.data.user_files import check_regular
 from neugrasp.errors import InputError
@@ -49,6 +50,10 @@ DETAILS, FOCAL_35MM_TAG, SIZE_TAGS = 0x8769, 0xA405, (0xA002, 0xA003)
 """EXIF: the directory of what a camera says of a photo; in it the focal length, and width and height."""
 FOCAL_35MM = 5, 2000
 """Millimetres of lenses that there are; cameras that do not know theirs write 0."""
+PNG_START, PNG_CHECKSUM = 8, 4
+"""Bytes before the first chunk of a PNG, and behind each."""
+PNG_TAGS = frozenset((b"eXIf", b"tEXt", b"zTXt", b"iTXt"))
+"""Chunks of a PNG in which tags may stand."""
 OTHER_FOCAL = 1.25
 """Factor by which fx may differ from what a photo says: makers round, and stabilised photos are cropped."""
 AS_STORED = {
@@ -123,7 +128,7 @@ class Tags:
 def photo_tags(file: Path | Photo, where: str) -> Tags:
     """The tags of a photo, which is not decoded. Raises like `read_image`."""
     with _opened(file, where) as picture:
-        exif = picture.getexif()
+        exif = _exif(picture)
         value, details, size = exif.get(ORIENTATION_TAG, 1), exif.get_ifd(DETAILS), picture.size
     lies = None if value in (0, 1) else AS_STORED.get(value, f"tagged {str(value)[:20]!r}")
     focal = details.get(FOCAL_35MM_TAG)
@@ -132,6 +137,26 @@ def photo_tags(file: Path | Photo, where: str) -> Tags:
     # By the diagonal, as the standard has it, of a frame of 36 x 24 mm.
     pixels = None if _is_cropped(details, size) else float(focal * np.hypot(*size) / np.hypot(36, 24))
     return Tags(lies, float(focal), pixels)
+
+
+def _exif(picture: Picture.Image) -> Picture.Exif:
+    """The tags. Pillow decodes a PNG to see whether some stand behind its pixels; chunks say it, too."""
+    if isinstance(picture, PngImageFile) and not _has_late_tags(picture.fp):
+        return Picture.Image.getexif(picture)
+    return picture.getexif()
+
+
+def _has_late_tags(file: IO[bytes] | None) -> bool:
+    """Whether a PNG has tags behind its first pixels; the place in the file stays as it is."""
+    assert file is not None
+    place, kinds = file.tell(), list[bytes]()
+    file.seek(PNG_START)
+    while len(head := file.read(8)) == 8:
+        kinds.append(head[4:])
+        file.seek(int.from_bytes(head[:4], "big") + PNG_CHECKSUM, io.SEEK_CUR)
+    file.seek(place)
+    late = kinds[kinds.index(b"IDAT") :] if b"IDAT" in kinds else kinds
+    return not PNG_TAGS.isdisjoint(late)
 
 
 def _is_cropped(details: dict[int, Any], size: tuple[int, int]) -> bool:

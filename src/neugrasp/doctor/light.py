@@ -16,7 +16,10 @@ DARKEST, BRIGHTEST = 0.06, 0.97
 STRIDE = 3
 SMOOTHING = 1.5
 """Standard deviation, pixels, of the blur that takes the noise away."""
-ROUNDS = 15
+ROUNDS, SETTLED = 15, 1e-5
+"""Of the fit, at most, and the stops by which a round moves a plane that needs no further one."""
+RIDGE = 1e-9
+"""Keeps a fit to places on one line solvable."""
 DIFFERENT = 0.06
 """Displayed difference, of 1, that an eye sees as something else."""
 
@@ -48,9 +51,8 @@ def drift_of(crop: TableCrop) -> Drift:
     """The change of light between the photo and its background; objects and their shadows do not count."""
     image, background = (_smooth(p)[::STRIDE, ::STRIDE] for p in (crop.image, crop.background))
     basis = _basis(crop.image.shape[:2])[::STRIDE, ::STRIDE].reshape(-1, 3)
-    usable = (
-        (image > DARKEST) & (image < BRIGHTEST) & (background > DARKEST) & (background < BRIGHTEST)
-    ).all(-1)
+    low, high = np.minimum(image, background), np.maximum(image, background)
+    usable = (over_channels(np.minimum, low) > DARKEST) & (over_channels(np.maximum, high) < BRIGHTEST)
     usable = usable.ravel()
     if usable.sum() < 50:
         return Drift(0.0, 0.0, 0.0, 0.0, np.zeros((3, 3)))
@@ -71,8 +73,15 @@ def drift_of(crop: TableCrop) -> Drift:
 
 def different(crop: TableCrop, drift: Drift) -> Mask:
     """(h, w): where the photo shows something else than the background, the change of light taken away."""
-    difference = np.abs(_smooth(crop.image) - _smooth(drift.corrected(crop.background))).max(axis=-1)
-    return np.asarray(difference > DIFFERENT)
+    # A blur is linear, so that of the difference is enough.
+    difference = np.abs(_smooth(crop.image - drift.corrected(crop.background)))
+    return np.asarray(over_channels(np.maximum, difference) > DIFFERENT)
+
+
+def over_channels(least_or_most: np.ufunc, picture: Array | Plane) -> Array:
+    """(h, w) of a colour picture (h, w, 3); numpy itself is slow along an axis of three."""
+    first, second, third = (picture[..., c] for c in range(3))
+    return np.asarray(least_or_most(least_or_most(first, second), third))
 
 
 def _smooth(picture: Plane) -> Array:
@@ -91,8 +100,10 @@ def _robust_plane(basis: Array, values: Array) -> tuple[Array, Array]:
     weight = np.ones(len(values))
     for _ in range(ROUNDS):
         weight, _ = tukey(values - basis @ plane, floor=0.01)
-        root = np.sqrt(weight)
-        plane = np.linalg.lstsq(basis * root[:, None], values * root, rcond=None)[0]
+        weighted = basis * weight[:, None]
+        before, plane = plane, np.linalg.solve(weighted.T @ basis + RIDGE * np.eye(3), weighted.T @ values)
+        if np.abs(plane - before).max() < SETTLED:
+            break
     return plane, weight
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from neugrasp.doctor.findings import Finding, Level, Limits, Problem, green, judged, not_measured
-from neugrasp.doctor.light import Drift, different, drift_of
+from neugrasp.doctor.light import Drift, different, drift_of, over_channels
 from neugrasp.doctor.messages import (
     BLURRED,
     CHANGED_OUTSIDE,
@@ -56,8 +56,8 @@ EDGE_LIMITS = Limits(6.3, np.inf)
 """Pixels across which the steepest edges rise; rendered ones measure 2.3 to 5.4, blurred by 3 pixels 7."""
 STEEPEST, REACH, LEAST_STEP = 0.02, 9, 0.08
 """Share of the pixels that are edges, pixels across which one may rise, and its least height, of 1."""
-BLACK = 16
-"""Displayed value of 255."""
+BLACK, WHITE = 16, 250
+"""Displayed values of 255."""
 NOISE = 0.8 / 255
 """Detail below this strength is noise, and says nothing of sharpness."""
 
@@ -180,9 +180,10 @@ def check_brightness(crops: Sequence[TableCrop]) -> list[Finding]:
     white, black = [], []
     for crop in crops:
         inside = crop.inside if crop.inside.any() else np.ones_like(crop.inside)
-        pictures = (crop.image[inside], crop.background[inside])
-        white.append(100 * max(float((p.min(axis=-1) > 250 / 255).mean()) for p in pictures))
-        black.append(100 * max(float((p.max(axis=-1) < BLACK / 255).mean()) for p in pictures))
+        pictures = (crop.image, crop.background)
+        least, most = ([over_channels(of, p)[inside] for p in pictures] for of in (np.minimum, np.maximum))
+        white.append(100 * max(float((values > WHITE / 255).mean()) for values in least))
+        black.append(100 * max(float((values < BLACK / 255).mean()) for values in most))
     return [
         judged("saturation", white, WHITE_LIMITS, "% white", SATURATED, 1),
         judged("darkness", black, DARK_LIMITS, "% black", DARK, 1),

@@ -7,13 +7,14 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image as Picture
 
 from neugrasp.doctor.capture import Capture
 from neugrasp.doctor.findings import Finding, Level, Limits, green, named, not_measured
 from neugrasp.doctor.hypotheses import MOST_VIEWS_PERMUTED, Evidence, best_height
 from neugrasp.doctor.messages import BACKGROUND_DIFFERS, EXCHANGED, MIRRORED, SAME_PHOTO, SHIFTED, SWAPPED
-from neugrasp.doctor.registration import Shift, shift_between, texture
+from neugrasp.doctor.registration import Shift, shift_between, shift_of_textures, texture
 from neugrasp.doctor.table import (
     TablePicture,
     coarse_pictures,
@@ -22,7 +23,8 @@ from neugrasp.doctor.table import (
     table_pictures,
 )
 from neugrasp.doctor.table_crop import GLANCE_SIZE, NETWORK_SIZE, Plane, TableCrop, grey, table_crops
-from neugrasp.observation import View
+from neugrasp.geometry.pose import Array
+from neugrasp.observation import Image, View
 
 SHIFT = Limits(0.3, 1.5)
 """Pixels of the network's crop."""
@@ -79,8 +81,9 @@ def check_pairs_quickly(capture: Capture, crops: Sequence[TableCrop]) -> tuple[C
         return capture, same
     views = capture.views.frames
     if not _owners(views, max(STRIDE, *(max(view.image.shape) // SMALL for view in views))):
-        textured = [crop for crop in crops if _is_textured(crop)]
-        shifts = (shift_between(grey(crop.image), grey(crop.background)) for crop in textured)
+        empty = [texture(grey(crop.background)) for crop in crops]
+        textured = [(crop, table) for crop, table in zip(crops, empty, strict=True) if _is_rich(table)]
+        shifts = (shift_of_textures(texture(grey(crop.image)), table) for crop, table in textured)
         longer = NETWORK_SIZE / GLANCE_SIZE
         if all(s.agreement >= MATCH and SHIFT.level(longer * s.length) < Level.RED for s in shifts):
             return capture, []
@@ -146,7 +149,7 @@ def _edges(picture: Plane, crop: TableCrop) -> float:
 
 def _placed(capture: Capture, crops: list[TableCrop], shifts: list[Shift]) -> tuple[Capture, list[Finding]]:
     """The shift between image and background of every view; where there is none to be found, whose it is."""
-    textured = [_is_textured(crop) for crop in crops]
+    textured = [_is_rich(texture(grey(crop.background))) for crop in crops]
     owner = _owners(capture.views.frames)
     lost = [i for i, s in enumerate(shifts) if i in owner or (textured[i] and s.agreement < MATCH)]
     known = [i for i, shift in enumerate(shifts) if shift.agreement >= MATCH and i not in lost]
@@ -160,9 +163,9 @@ def _placed(capture: Capture, crops: list[TableCrop], shifts: list[Shift]) -> tu
     return capture, findings
 
 
-def _is_textured(crop: TableCrop) -> bool:
-    strength = np.abs(texture(grey(crop.background)))
-    return bool(np.percentile(strength, 90) > TEXTURED)
+def _is_rich(table: Array) -> bool:
+    """Whether the texture of a table is enough to tell a shift."""
+    return bool(np.percentile(np.abs(table), 90) > TEXTURED)
 
 
 def _shifted(crops: list[TableCrop], shifts: list[Shift], known: list[int]) -> Finding:
@@ -204,7 +207,11 @@ def _foreign(
 
 def _owners(views: Sequence[View], stride: int = STRIDE) -> dict[int, int]:
     """For each view whose image is far more like the background of another view than its own, that view."""
-    unlike = np.array([[_unlikeness(view, other, stride) for other in views] for view in views])
+    images = [_thinned(view.image, stride) for view in views]
+    backgrounds = [_thinned(view.background, stride) for view in views]
+    unlike = np.array([[_unlikeness(image, other) for other in backgrounds] for image in images])
+    sizes = [(view.image.shape, view.background.shape) for view in views]
+    unlike[[[image != other for _, other in sizes] for image, _ in sizes]] = np.inf
     best, least = unlike.argmin(axis=1), unlike.min(axis=1)
     found = (least + QUANTUM < OTHERS * unlike.diagonal()) & (least <= 2 * np.median(least) + QUANTUM)
     found &= np.bincount(best)[best] == 1  # No background belongs to two views.
@@ -213,12 +220,16 @@ def _owners(views: Sequence[View], stride: int = STRIDE) -> dict[int, int]:
     return {int(i): int(best[i]) for i in np.flatnonzero(found)}
 
 
-def _unlikeness(view: View, other: View, stride: int) -> float:
+def _thinned(photo: Image, stride: int) -> NDArray[np.int16]:
+    """(3, h, w): one of so many pixels each way; a channel lies together, which is quick to add."""
+    return np.ascontiguousarray(photo[::stride, ::stride].transpose(2, 0, 1), dtype=np.int16)
+
+
+def _unlikeness(image: NDArray[np.int16], background: NDArray[np.int16]) -> float:
     """How much the more alike half of an image differs from a background; objects cover the other half."""
-    image, background = view.image[::stride, ::stride], other.background[::stride, ::stride]
-    if view.image.shape != other.background.shape:
+    if image.shape != background.shape:
         return np.inf
-    return float(np.quantile(np.abs(image.astype(np.int16) - background).sum(axis=-1), 0.25))
+    return float(np.quantile(np.abs(image - background).sum(axis=0, dtype=np.int16), 0.25))
 
 
 def _is_turned(crop: TableCrop, view: View) -> bool:

@@ -40,7 +40,11 @@ def shift_between(first: Array, second: Array, largest: float = 0.2) -> Shift:
 
     Brightness and contrast may differ; what covers less than half of the picture may differ, too.
     """
-    first, second = (texture(picture) for picture in (first, second))
+    return shift_of_textures(texture(first), texture(second), largest)
+
+
+def shift_of_textures(first: Array, second: Array, largest: float = 0.2) -> Shift:
+    """The same of two pictures as `texture` gives them."""
     starts = {(0.0, 0.0), _phase_correlation(first, second, largest)}
     return max((_refined(first, second, start) for start in starts), key=lambda shift: shift.agreement)
 
@@ -73,14 +77,15 @@ def _refined(first: Array, second: Array, start: tuple[float, float]) -> Shift:
     if min(target.shape) < 8:
         return Shift(x, y, np.inf, -np.inf)
     for _ in range(STEPS):
-        moved = ndimage.shift(first, (-y, -x), order=1, mode="nearest")
+        moved = _moved(_moved(first, y).T, x).T
         slope_y, slope_x = np.gradient(moved)
-        columns = [gain * slope_x, gain * slope_y, moved]
-        design = np.stack([column[core].ravel() for column in columns], axis=-1)
+        design = np.stack([part[core].ravel() for part in (slope_x, slope_y, moved)])
+        design[:2] *= gain
         residual = (target - gain * moved[core]).ravel()
         weight, spread = tukey(residual)
-        normal = (design * weight[:, None]).T @ design + 1e-9 * np.eye(3)
-        step = np.linalg.solve(normal, (design * weight[:, None]).T @ residual)
+        weighted = design * weight
+        normal = weighted @ design.T + 1e-9 * np.eye(3)
+        step = np.linalg.solve(normal, weighted @ residual)
         x, y = x + np.clip(step[0], -1, 1), y + np.clip(step[1], -1, 1)
         gain = gain + step[2]
         if np.hypot(step[0], step[1]) < 1e-3:
@@ -92,8 +97,23 @@ def _refined(first: Array, second: Array, start: tuple[float, float]) -> Shift:
     return Shift(float(x), float(y), uncertainty, float(agreement))
 
 
+def _moved(picture: Array, down: float) -> Array:
+    """The picture read so many pixels further down, between its rows; beyond its edge the last row stands."""
+    whole = int(np.floor(down))
+    rows = np.arange(len(picture)) + whole
+    upper, lower = (np.take(picture, rows + i, axis=0, mode="clip") for i in range(2))
+    return np.asarray(upper + (down - whole) * (lower - upper))
+
+
 def tukey(residual: Array, floor: float = FLOOR) -> tuple[Array, float]:
     """Weights in [0, 1] and the standard deviation of the bulk, never below `floor`."""
-    spread = max(1.4826 * float(np.median(np.abs(residual - np.median(residual)))), floor)
+    spread = max(1.4826 * _median(np.abs(residual - _median(residual))), floor)
     scaled = residual / (TUKEY * spread)
     return np.where(np.abs(scaled) < 1, (1 - scaled**2) ** 2, 0.0), spread
+
+
+def _median(values: Array) -> float:
+    """As numpy's, which looks at the values once more for those that are no numbers."""
+    middle = len(values) // 2
+    ordered = np.partition(values, [(len(values) - 1) // 2, middle])
+    return float(ordered[(len(values) - 1) // 2] + ordered[middle]) / 2

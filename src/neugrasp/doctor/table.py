@@ -104,7 +104,8 @@ def coarse_pictures(views: Views) -> list[TablePicture]:
         low = np.ceil(np.maximum(crop[0], edges[0]) + 0.5).astype(int)
         size = (np.minimum(crop[1], edges[1]) + 0.5 - low).astype(int) // factor
         (left, top), (right, bottom) = low.tolist(), (low + size * factor).tolist()
-        small = Picture.fromarray(view.background[top:bottom, left:right]).convert("L").reduce(factor)
+        part = np.ascontiguousarray(view.background[top:bottom, left:right])
+        small = Picture.fromarray(part).convert("L").reduce(factor)
         box = (left - 0.5, top - 0.5, right - 0.5, bottom - 0.5)
         reduced = camera.cropped_and_resized(box, small.width, small.height)
         pictures.append(table_picture(np.asarray(small) / 255, reduced, workspace, COARSE_STEP))
@@ -169,6 +170,8 @@ def _common(first: TablePicture, second: TablePicture) -> tuple[Array, Array]:
 
 def _blurred(values: Array, seen: Mask, sigma: float) -> Array:
     """A Gaussian blur in which what is not seen has no weight."""
+    if seen.all():
+        return np.asarray(ndimage.gaussian_filter(values, sigma))
     weight = ndimage.gaussian_filter(seen.astype(np.float64), sigma)
     total = ndimage.gaussian_filter(np.where(seen, values, 0.0), sigma)
     return np.asarray(total / np.maximum(weight, 1e-6))

@@ -103,8 +103,11 @@ def _inside(camera: Camera, workspace: Workspace) -> Mask:
         sides = ConvexHull(pixels).equations
     except (QhullError, ValueError):
         return np.zeros(shape, dtype=bool)
-    distance = camera.pixel_grid() @ sides[:, :2].T + sides[:, 2]
-    return np.asarray((distance <= 0).all(axis=-1))
+    u, v = np.arange(camera.width), np.arange(camera.height)[:, None]
+    inside = np.ones(shape, dtype=bool)
+    for across, down, offset in sides:
+        inside &= across * u <= -(down * v + offset)
+    return inside
 
 
 def grey(picture: Plane) -> Array:
