@@ -174,6 +174,6 @@ def test_counters(served: Running, scene: Path):
     assert grown['neugrasp_doctor_verdicts_total{level="green"}'] == 1
     assert grown['neugrasp_rejected_candidates_total{reason="too_narrow"}'] == 7
     assert grown["neugrasp_grasps_total"] == 2
-    for stage in ("decode", "examine", "queue", "look"):
+    for stage in ("decode", "examine", "queue", "look", "answer"):
         assert grown[f'neugrasp_stage_seconds_count{{stage="{stage}"}}'] == 1
     assert before["process_resident_memory_bytes"] > 0

@@ -102,7 +102,8 @@ class Detection:
         numbers = {"best_rejected": self.best_rejected, "threshold": self.threshold}
         facts |= {name: float(number) for name, number in numbers.items() if number is not None}
         if with_surface and self.tsdf is not None:
-            grid = zlib.compress(np.ascontiguousarray(self.tsdf, dtype="<f4").tobytes())
+            # The quickest level: the slowest one is a twentieth smaller and takes three times as long.
+            grid = zlib.compress(np.ascontiguousarray(self.tsdf, dtype="<f4").tobytes(), level=1)
             facts["tsdf"] = base64.b64encode(grid).decode("ascii")
         return files.document(self.grasps, facts)
 

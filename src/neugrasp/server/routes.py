@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import re
 import tempfile
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import metadata, resources
@@ -200,10 +201,13 @@ async def _detect(
 
 
 async def _answer(request: Request, found: Found, wanted: Wanted) -> Response:
+    begun = time.perf_counter()
     content = await asyncio.to_thread(
         answer_of, found.detection, found.diagnosis, wanted, found.seconds, _visit(request).request
     )
-    return JSONResponse(content)
+    answer = JSONResponse(content)
+    _service(request).meters.spent({"answer": time.perf_counter() - begun})
+    return answer
 
 
 async def _gone(request: Request) -> None:
