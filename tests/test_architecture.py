@@ -18,7 +18,7 @@ TABLES = {"simulation/blender_materials.py", "simulation/materials.py"}
 
 LAYERS = [
     {"errors", "progress"},
-    {"output", "terminal"},
+    {"output", "terminal", "bucket"},
     {"geometry", "run_folder"},
     {"observation", "grasp", "gripper", "parallel"},
     {"execution"},
@@ -101,6 +101,7 @@ def test_reading_needs_the_errors_only(module: str):
         ("sklearn", "figures/embedding.py"),
         ("uvicorn", "server/listening.py"),
         ("ray", "parallel/cluster.py"),
+        ("fsspec", "bucket.py"),
         ("prometheus_client", "server/meters.py"),
         ("pydantic", "server/schemas.py"),
         ("httpx", "client/client.py"),

@@ -82,7 +82,14 @@ def check_run_config(path: Path, facts: Mapping[str, Any], what: str, young: Col
     if not path.exists():
         write_text(path, json.dumps(facts, indent=1) + "\n")
         return
-    found = read_json(path, f"the description of the {what}")
+    check_same(read_json(path, f"the description of the {what}"), path, facts, what, young)
+
+
+def check_same(
+    found: Any, path: Path | str, facts: Mapping[str, Any], what: str, young: Collection[str] = ()
+) -> None:
+    """Raises `InputError` where what was `found` at `path` does not say that a run was begun with these
+    facts."""
     if not isinstance(found, dict):
         raise InputError(f"{path}: is not a JSON object; choose another --out")
     for key in {**facts, **found}:

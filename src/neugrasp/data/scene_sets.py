@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
 
+from neugrasp.bucket import is_url
 from neugrasp.data.captures import is_capture, read_capture
 from neugrasp.data.grasp_scene import GraspScene
 from neugrasp.data.labels import LABELS_FILE
@@ -46,6 +47,8 @@ class SceneFolder:
 
     def __init__(self, folder: Path):
         """Raises `InputError` where there are no scenes."""
+        if is_url(folder):
+            raise InputError(f"{folder}: is in an object store; copy it into a folder and give that")
         found = sorted(folder.rglob(LABELS_FILE))
         self.folders = [path.parent for path in found if ".tmp" not in str(path)]
         if not self.folders:

@@ -14,7 +14,7 @@ class Generate:
     doing: ClassVar[str] = "making scenes, up to a minute each"
 
     out: Path
-    """Where the scenes are written."""
+    """Where the scenes are written: a folder, or the URL of an object store (docs/cluster.md)."""
     scene: Literal["packed", "pile", "single"] = "packed"
     """How the objects lie."""
     num: int = 100

@@ -7,14 +7,19 @@ import json
 import logging
 import os
 import shutil
+import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
+from neugrasp.bucket import Bucket, is_url, local_of
+from neugrasp.data.labels import LABELS_FILE
+from neugrasp.data.strict_json import parse_json
 from neugrasp.errors import InputError
 from neugrasp.geometry.view_sets import VIEW_SETS
 from neugrasp.geometry.workspace import Workspace
@@ -23,7 +28,7 @@ from neugrasp.output import write_text
 from neugrasp.parallel.choice import crew_for
 from neugrasp.parallel.crew import spread
 from neugrasp.progress import reached
-from neugrasp.run_folder import CONTENTS, check_run_config, lock, lock_folder, unlock
+from neugrasp.run_folder import CONTENTS, check_run_config, check_same, lock, lock_folder, unlock
 from neugrasp.simulation.cell_photos import SceneRenderer
 from neugrasp.simulation.command import Generate
 from neugrasp.simulation.infrared import PhotoAndInfrared
@@ -32,6 +37,7 @@ from neugrasp.simulation.renderer import Renderer, RenderSettings
 from neugrasp.simulation.scene_generator import TARGETS_PER_CELL, TARGETS_PER_SCENE, SceneGenerator
 from neugrasp.terminal import next_step
 
+DESCRIPTION, TIMING, WHAT = "dataset.json", "timing.json", "data set"
 MakeSceneRenderer = Callable[[int], AbstractContextManager[SceneRenderer | None]]
 """Number of threads -> a scene renderer to be used in a with statement."""
 
@@ -44,26 +50,63 @@ def generate(config: Generate, make_scene_renderer: MakeSceneRenderer | None = N
     Raises `InputError` where the configuration is not valid or the folder holds another data set, and
     `NeuGraspError` where a scene cannot be made or written.
     """
+    config = replace(config, out=local_of(config.out))
     library = _checked(config)
+    scene_renderer = (make_scene_renderer or _renderer_of(config)) if config.photos else _nobody
+    if is_url(config.out):
+        return _generate_into(Bucket.open(config.out), config, library, scene_renderer)
     with _only_one(config.out):
-        _describe(config, library)
+        check_run_config(config.out / DESCRIPTION, _facts(config, library), WHAT, young=CONTENTS)
         for leftover in [*config.out.glob("*/.tmp-*"), *config.out.glob(".tmp-*")]:
             shutil.rmtree(leftover, ignore_errors=True)
         folders = [config.out / "scenes" / config.record_name(index) for index in range(config.num)]
         missing = [index for index, folder in enumerate(folders) if not folder.is_dir()]
         progress = _Progress(total=config.num, done=config.num - len(missing))
         if missing:
-            reached("scenes", progress.done, progress.total)
-            scene_renderer = make_scene_renderer or _renderer_of(config)
-            _make_all(config, missing, scene_renderer if config.photos else _nobody, progress)
-            progress.write(config.out / "timing.json")
+            opener = partial(_studio, config, scene_renderer)
+            with _at_work(config, missing, opener, progress) as made:
+                for seconds in made:
+                    progress.add(seconds)
+            write_text(config.out / TIMING, progress.text())
     return folders
+
+
+def _generate_into(
+    bucket: Bucket, config: Generate, library: ObjectLibrary, make_scene_renderer: MakeSceneRenderer
+) -> list[Path]:
+    """As `generate`, into an object store. Workers make scenes in folders of their own; the driver, who alone
+    needs to be let in, writes them. Two drivers at once would write the same objects."""
+    facts = _facts(config, library)
+    found = bucket.read(DESCRIPTION)
+    if found is None:
+        text = json.dumps(facts, indent=1) + "\n"
+        bucket.write({DESCRIPTION: text.encode()}, last=DESCRIPTION)
+    else:
+        place = f"{bucket.url}/{DESCRIPTION}"
+        check_same(parse_json(found, place), place, facts, WHAT, young=CONTENTS)
+    there = bucket.folders_with(LABELS_FILE, "scenes")
+    names = [config.record_name(index) for index in range(config.num)]
+    missing = [index for index, name in enumerate(names) if name not in there]
+    progress = _Progress(total=config.num, done=config.num - len(missing))
+    if missing:
+        opener = partial(_travelling_studio, config, make_scene_renderer)
+        with _at_work(config, missing, opener, progress) as made:
+            for index, files, seconds in made:
+                folder = f"scenes/{names[index]}"
+                written = {f"{folder}/{name}": content for name, content in files.items()}
+                bucket.write(written, last=f"{folder}/{LABELS_FILE}")
+                progress.add(seconds)
+        bucket.write({TIMING: progress.text().encode()}, last=TIMING)
+    return [config.out / "scenes" / name for name in names]
 
 
 def run(config: Generate) -> str:
     """`neugrasp generate`: how many scenes there are, and what to do next."""
     folders = generate(config)
     recipe = [] if config.photos else ["--recipe", "head-only"]
+    if is_url(config.out):
+        url = Bucket.open(config.out).url
+        return f"{len(folders)} scenes in {url}; copy it into a folder to learn from it"
     then = next_step("train", *recipe, "--data", config.out, "--out", "runs/mine")
     sheet = next_step("datasheet", "--data", config.out, "--out", config.out / "sheet")
     return f"{len(folders)} scenes in {config.out}\n{sheet}\n{then}"
@@ -109,10 +152,10 @@ def _checked(config: Generate) -> ObjectLibrary:
     return library
 
 
-def _describe(config: Generate, library: ObjectLibrary) -> None:
-    """Writes dataset.json, or checks that the one that is there says the same."""
+def _facts(config: Generate, library: ObjectLibrary) -> dict[str, Any]:
+    """What the scenes depend on."""
     choices = library.choices(config.split, config.scene)
-    description = {
+    return {
         "format": "neugrasp-dataset",
         "version": 1,
         "scene": config.scene,
@@ -134,7 +177,6 @@ def _describe(config: Generate, library: ObjectLibrary) -> None:
         **({"stereo": True} if config.stereo else {}),
         **({} if config.targets == TARGETS_PER_SCENE else {"targets": config.targets}),
     }
-    check_run_config(config.out / "dataset.json", description, "data set", young=CONTENTS)
 
 
 @contextmanager
@@ -166,24 +208,26 @@ class _Progress:
         reached("scenes", self.done, self.total)
         logger.info("%d of %d scenes, %.0f an hour, %.0f min left", self.done, self.total, rate * 3600, left)
 
-    def write(self, path: Path) -> None:
-        """The time by stage, summed over workers, of the scenes made in this run."""
+    def text(self) -> str:
+        """The time by stage, summed over workers, of the scenes made in this run, as JSON."""
         wall = time.monotonic() - self.start
         per_scene = {stage: round(spent / self.made, 3) for stage, spent in self.seconds.items()}
         rate = round(3600 * self.made / wall, 1)
         data = {"scenes": self.made, "wall_s": round(wall, 1), "scenes_per_hour": rate}
-        write_text(path, json.dumps({**data, "seconds_per_scene": per_scene}, indent=1) + "\n")
+        return json.dumps({**data, "seconds_per_scene": per_scene}, indent=1) + "\n"
 
 
-def _make_all(
-    config: Generate, missing: list[int], make_scene_renderer: MakeSceneRenderer, progress: _Progress
-) -> None:
+@contextmanager
+def _at_work(
+    config: Generate, missing: list[int], opener: Callable[[int], Any], progress: _Progress
+) -> Iterator[Iterator[Any]]:
+    """What workers tell of the scenes that are missing, as they are made; `opener` takes a worker's number of
+    threads."""
+    reached("scenes", progress.done, progress.total)
     crew, threads = crew_for(config.workers, len(missing), config.cluster)
     workers = config.workers or len(os.sched_getaffinity(0))
-    opener = partial(_studio, config, make_scene_renderer, threads)
-    with closing(spread(crew, opener, _groups(config, missing, workers))) as made:
-        for seconds in made:
-            progress.add(seconds)
+    with closing(spread(crew, partial(opener, threads), _groups(config, missing, workers))) as made:
+        yield made
 
 
 @contextmanager
@@ -193,10 +237,38 @@ def _studio(
     """What makes the scene of a number; the seconds it took by stage."""
     with (config.out / ".lock-workers").open("w", encoding="utf-8") as file:
         lock(file, shared=True, waits=True)
-        with make_scene_renderer(threads) as scene_renderer:
-            studio = SceneGenerator(config, scene_renderer)
-            with studio.world:
-                yield partial(_make, studio)
+        with _opened_studio(config, make_scene_renderer, threads) as studio:
+            yield partial(_make, studio)
+
+
+@contextmanager
+def _travelling_studio(
+    config: Generate, make_scene_renderer: MakeSceneRenderer, threads: int
+) -> Iterator[Callable[[int], tuple[int, dict[str, bytes], dict[str, float]]]]:
+    """What makes the scene of a number: the number, the files, and the seconds by stage."""
+    with tempfile.TemporaryDirectory(prefix="neugrasp-") as folder:
+        own = replace(config, out=Path(folder))
+        with _opened_studio(own, make_scene_renderer, threads) as studio:
+            yield partial(_packed, studio)
+
+
+@contextmanager
+def _opened_studio(
+    config: Generate, make_scene_renderer: MakeSceneRenderer, threads: int
+) -> Iterator[SceneGenerator]:
+    with make_scene_renderer(threads) as scene_renderer:
+        studio = SceneGenerator(config, scene_renderer)
+        with studio.world:
+            yield studio
+
+
+def _packed(studio: SceneGenerator, index: int) -> tuple[int, dict[str, bytes], dict[str, float]]:
+    """Makes a scene and takes it along."""
+    seconds = _make(studio, index)
+    folder = studio.config.out / "scenes" / studio.config.record_name(index)
+    files = {str(f.relative_to(folder)): f.read_bytes() for f in sorted(folder.rglob("*")) if f.is_file()}
+    shutil.rmtree(folder)
+    return index, files, seconds
 
 
 def _make(studio: SceneGenerator, index: int) -> dict[str, float]:
