@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import os
 import sys
 import threading
@@ -16,6 +17,10 @@ from typing import Any
 import pytest
 
 from neugrasp.errors import InputError
+from neugrasp.evaluation.commands import Evaluate, Table
+from neugrasp.evaluation.paper_table import run
+from neugrasp.evaluation.run import evaluate
+from neugrasp.evaluation.scores import TIMES
 from neugrasp.parallel.cluster import Cluster
 from neugrasp.parallel.crew import spread
 from neugrasp.simulation.command import Generate
@@ -97,6 +102,42 @@ def test_the_same_bytes_as_in_one_process(nodes: Any, tmp_path: Path, monkeypatc
     assert made("four", workers=4) == alone
     assert made("cluster", cluster=nodes.address) == alone
     assert time.monotonic() - begun < 800
+
+
+def without_times(content: Any) -> Any:
+    """What was found, but for how long it took, by which commit."""
+    if isinstance(content, list):
+        return [without_times(one) for one in content]
+    if not isinstance(content, dict):
+        return content
+    dropped = ("timing_s", *TIMES, "commit")
+    return {name: without_times(one) for name, one in content.items() if name not in dropped}
+
+
+def test_the_same_rounds_as_in_one_process(nodes: Any, tmp_path: Path):
+    def played(name: str, **changes: Any) -> list[Any]:
+        config = Evaluate(out=tmp_path / name, detector="oracle", scene="single", rounds=4, seed=5, **changes)
+        evaluate(config)
+        files = [*sorted((config.out / "rounds").iterdir()), config.out / "metrics.json"]
+        return [without_times(json.loads(file.read_text())) for file in files]
+
+    alone = played("one", workers=1)
+    assert len(alone) == 5
+    assert sum(len(one["attempts"]) for one in alone[:4]) >= 4
+    assert played("two", workers=2) == alone
+    assert played("four", workers=4) == alone
+    assert played("cluster", cluster=nodes.address) == alone
+
+
+def test_the_same_table_as_in_one_process(nodes: Any, tmp_path: Path):
+    def played(name: str, **changes: Any) -> Any:
+        asked = {"rounds": 2, "detectors": ("antipodal",), "strategies": ("top",)}
+        run(Table("single", out=tmp_path / name, **asked, **changes))
+        return without_times(json.loads((tmp_path / name / "single.json").read_text()))
+
+    alone = played("one", workers=1)
+    assert [row["rounds"] for row in alone["rows"]] == [2, 2]
+    assert played("cluster", cluster=nodes.address) == alone
 
 
 @pytest.mark.parametrize("address", ["here", "localhost:", "127.0.0.1:99999"])
