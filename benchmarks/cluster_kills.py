@@ -5,8 +5,8 @@
 Starts a Ray cluster of two nodes with two workers each on this machine, and `neugrasp generate` on it,
 without photos. At moments drawn from the seed a worker, a node or the driver, drawn too, is killed with
 SIGKILL; a node is replaced by another one, a driver is started again. Scenes are added until all kills are
-done. Then the same scenes are made by two processes that nobody kills, and every file is compared. Ends with 1
-where one differs or is missing.
+done. Then the same scenes are made by two processes that nobody kills, and every file is compared. Ends with
+1 where one differs or is missing.
 """
 
 from __future__ import annotations

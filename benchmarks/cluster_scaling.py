@@ -3,9 +3,9 @@
     python benchmarks/cluster_scaling.py --out FOLDER [--scenes 64] [--photos]
 
 For each way, one and two workers make the same scenes by `neugrasp generate`, from nothing, each in a folder
-of its own, which goes afterwards. Scenes an hour are counted from when workers are asked for, so their start is
-in it; the bytes of all four are compared. Efficiency is the rate of two over twice that of one. Run it on a
-machine that does nothing else: with 64 scenes without photos it takes some four minutes.
+of its own, which goes afterwards. Scenes an hour are counted from when workers are asked for, so their start
+is in it; the bytes of all four are compared. Efficiency is the rate of two over twice that of one. Run it on a
+a machine that does nothing else.
 """
 
 from __future__ import annotations
