@@ -4,7 +4,7 @@
 
 For each way, one and two workers make the same scenes by `neugrasp generate`, from nothing, each in a folder
 of its own, which goes afterwards. Scenes an hour are counted from when workers are asked for, so their start
-is in it; the bytes of all four are compared. Efficiency is the rate of two over twice that of one. Run it on a
+in it; the bytes of all four are compared. Efficiency is the rate of two over twice that of one. Run it on
 a machine that does nothing else.
 """
 
