@@ -45,6 +45,8 @@ def nodes() -> Iterator[Any]:
     utils: ModuleType = pytest.importorskip("ray.cluster_utils")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+        # By itself a worker gives way to everything else that runs here.
+        patch.setenv("RAY_worker_niceness", "0")
         helpers = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "simulation")]
         patch.setenv("PYTHONPATH", os.pathsep.join([*helpers, *sys.path]))
         cluster = utils.Cluster(
