@@ -43,9 +43,9 @@ def main() -> None:
     options = parser.parse_args()
     for name in ("killed", "peace"):
         shutil.rmtree(options.out / name, ignore_errors=True)
-    os.environ |= {"RAY_USAGE_STATS_ENABLED": "0", "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
     # Ray's workers give way to all others (15) unless they are told not to.
-    os.environ["RAY_worker_niceness"] = "0"
+    os.environ |= {"RAY_USAGE_STATS_ENABLED": "0", "RAY_worker_niceness": "0"}
+    os.environ["PYTHONPATH"] = os.pathsep.join(part for part in sys.path if part)
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 2, "include_dashboard": False})
     try:
         hunt = Hunt(cluster, options.out / "killed", options.scenes, np.random.default_rng(options.seed))

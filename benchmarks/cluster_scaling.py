@@ -29,9 +29,9 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=64)
     parser.add_argument("--photos", action="store_true")
     options = parser.parse_args()
-    os.environ |= {"RAY_USAGE_STATS_ENABLED": "0", "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
     # Ray's workers give way to all others (15) unless they are told not to.
-    os.environ["RAY_worker_niceness"] = "0"
+    os.environ |= {"RAY_USAGE_STATS_ENABLED": "0", "RAY_worker_niceness": "0"}
+    os.environ["PYTHONPATH"] = os.pathsep.join(part for part in sys.path if part)
     command = [sys.executable, "-m", "neugrasp", "generate", "--num", str(options.scenes), "--seed", "7"]
     command += ["--object-sets", "glassware", *([] if options.photos else ["--no-photos"])]
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 2, "include_dashboard": False})
