@@ -60,6 +60,7 @@ def test_the_example_is_read_as_it_stands():
         ("0.7071068, 0.7071068", "0.7071068, 0.1", "flange_from_camera.quaternion_xyzw has length"),
         ('set = "released"', 'set = "everywhere"', "views.set is 'everywhere'"),
         ("[459.14, 0.0, 319.75]", "[459.14, 0.0, 3197.5]", "principal point .* is far outside the photo"),
+        ("width = 640", "width = 640\ndistortion = [0.1, 0, 0, 0, 0]", "camera.distortion is for hardware"),
         ("[twin]", "[twins]", "twins is unknown"),
         ("force = 20.0", 'force = 20.0\naddress = "x"', "gripper.address is for hardware"),
         ("format =", "format", "not valid TOML"),
@@ -128,3 +129,16 @@ def test_what_is_wrong_is_said_before_anything_moves(
     assert found, problems
     assert words in found[0]
     assert run(Cell("check", path)).exit_code == 1
+
+
+def test_distortion_is_read_and_what_the_straightened_photo_lacks_is_known(tmp_path: Path):
+    text = TWIN.read_text().split("# What lies on")[0]
+    for part, driver in (("arm", "ur"), ("gripper", "robotiq"), ("camera", "opencv")):
+        text = text.replace(f'[{part}]\ndriver = "twin"', f'[{part}]\ndriver = "{driver}"\naddress = "1"')
+    path = tmp_path / "cell.toml"
+    path.write_text(text.replace("width = 640", "width = 640\ndistortion = [0.1, -0.2, 0.001, 0.002, 0.03]"))
+    camera = read_cell(path).camera
+    np.testing.assert_allclose(camera.lens.coefficients, [0.1, -0.2, 0.001, 0.002, 0.03])
+    left, top, right, bottom = camera.camera.bounds
+    assert (left, top, right, bottom) != (0, 0, 639, 359)
+    assert (right - left) * (bottom - top) > 0.9 * 640 * 360

@@ -111,7 +111,7 @@ def test_where_none_can_be_reached_nothing_moves(world: World, cell: CellFile, m
 def test_an_object_that_slips_on_the_way_is_not_a_success(world: World, cell: CellFile, motion: Motion):
     twin = TwinRobot(world, boxes_scene(BODIES[1]), cell, motion)
     hand = twin.manipulator.prepare(grasp_of(BODIES[1]), seen(world))
-    twin.manipulator.holds = iter((True, False)).__next__  # type: ignore[method-assign]
+    hand.holds = iter((True, False)).__next__  # type: ignore[method-assign]
     assert pick(twin.manipulator, hand, grasp_of(BODIES[1]), 0.004, UP).reason == DROPPED
 
 

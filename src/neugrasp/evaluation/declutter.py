@@ -67,12 +67,22 @@ def _nobody(_: Episode) -> None:
     """Listens to nothing."""
 
 
+def _unheard(name: str, content: object) -> None:
+    """Listens to nothing."""
+
+
+LOOKING, DETECTING, PLANNING = "looking", "detecting", "planning"
+"""What a round does; `DETECTING` comes with what was seen, `PLANNING` with the detection."""
+
+
 @dataclass(frozen=True)
 class Log:
     """What is known of a round that was begun before, and who is told of every attempt."""
 
     begun: Episode | None = None
     told: Callable[[Episode], None] = _nobody
+    stage: Callable[[str, object], None] = _unheard
+    """Told of what begins, and with what."""
 
 
 @dataclass(frozen=True)
@@ -154,12 +164,15 @@ def declutter(
         if _failures_in_a_row(attempts) == config.rules.max_failures:
             return so_far(FAILED_TOO_OFTEN)
         watch = Stopwatch()
+        log.stage(LOOKING, None)
         with watch.stage("look"):
             seen = robot.camera.capture()
         if robot.table.count() == 0:
             break
+        log.stage(DETECTING, seen)
         with watch.stage("detect"):
             detection = detector.detect(seen)
+        log.stage(PLANNING, detection)
         with watch.stage("plan"):
             chosen = run.choose(len(attempts), detection)
         skipped.update(chosen.counts)

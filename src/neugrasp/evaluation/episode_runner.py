@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 import traceback
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,8 +22,10 @@ from neugrasp.evaluation.results_io import scene_of, workspace_of
 from neugrasp.evaluation.rounds import Round, Rounds
 from neugrasp.geometry.pose import Array
 from neugrasp.gripper import Gripper
+from neugrasp.robot.attended import Attendant
 from neugrasp.robot.cell_file import read_cell
 from neugrasp.robot.interface import Camera, Robot
+from neugrasp.robot.rehearsal import Rehearsal, rehearsed
 from neugrasp.robot.simulated import SimulatedRobot
 from neugrasp.robot.simulated_cameras import DepthCamera, PhotoCamera, RgbdCamera, TruthCamera
 from neugrasp.robot.simulated_stereo import StereoCamera, StereoRgbdCamera
@@ -104,28 +107,31 @@ class EpisodeRunner:
             details = printable(traceback.format_exception_only(error)[-1].strip())
             return Episode(index, 0, CRASHED, error=details, timing_s=seconds)
 
-    def play_on(self, index: int, log: Log) -> Episode:
-        """Round `index`, or the rest of it; what goes wrong is raised."""
+    def play_on(self, index: int, log: Log, attendants: Sequence[Attendant] = ()) -> Episode:
+        """Round `index`, or the rest of it; what goes wrong is raised. Attendants are told before an arm
+        moves."""
         start = time.perf_counter()
         fixed = self._rounds.make(index, self.world)
         if log.begun is not None and log.begun.left is not None:
             fixed = replace(fixed, scene=scene_of(log.begun.left))
         arranged = time.perf_counter()
         truth = TruthCamera(self.world)
-        robot, table = self._robot(fixed, truth)
+        robot, table = self._robot(fixed, truth, attendants)
         prepared = time.perf_counter()
         ground_truth = SimulatedGroundTruth(table, truth)
         episode = declutter(self._episode_config, index, robot, self.detector, ground_truth, log)
         seconds = {"arrange": arranged - start, "prepare": prepared - arranged, **episode.timing_s}
         return replace(episode, scene_sha256=fixed.scene_sha256, timing_s=seconds)
 
-    def _robot(self, fixed: Round, truth: TruthCamera) -> tuple[Robot[Any], SimulatedRobot]:
+    def _robot(
+        self, fixed: Round, truth: TruthCamera, attendants: Sequence[Attendant] = ()
+    ) -> tuple[Robot[Any], SimulatedRobot]:
         """The floating hand, or the arm of a cell, and the table that it clears."""
         if self._cell is None:
             floating = SimulatedRobot(self.world, fixed.scene, self.rules.table_contact)
             return Robot(self._camera(fixed, floating, truth), floating, floating), floating
         cell, motion = self._cell, planner_of(self._cell)
-        twin = TwinRobot(self.world, fixed.scene, cell, motion)
+        twin = TwinRobot(self.world, fixed.scene, cell, motion, attendants)
         views = [replace(cell.camera.camera, world_from_camera=s.world_from_camera) for s in fixed.sensors]
         eyes = self._camera(fixed, twin.table, truth)
         camera = TouringCamera(twin.arm, tour_of(cell, motion, views), eyes)
@@ -135,6 +141,22 @@ class EpisodeRunner:
         """What the detector sees as round `index` begins; the world stands so afterwards."""
         robot, _ = self._robot(self._rounds.make(index, self.world), TruthCamera(self.world))
         return robot.camera.capture()
+
+    def rehearse(self, index: int) -> Rehearsal:
+        """What the arm would do first in round `index`; it does not move."""
+        fixed = self._rounds.make(index, self.world)
+        robot, _ = self._robot(fixed, TruthCamera(self.world))
+        assert self._cell is not None
+        assert isinstance(robot.camera, TouringCamera)
+        detection = self.detector.detect(robot.camera.camera.capture())
+        config, rng = self._episode_config, self._episode_config.rng(index, 0)
+        return rehearsed(
+            self._cell,
+            planner_of(self._cell),
+            robot.camera.tour,
+            detection,
+            lambda grasps: config.choose(grasps, rng, config.up),
+        )
 
     def _camera(self, fixed: Round, robot: SimulatedRobot, truth: TruthCamera) -> Camera[Any]:
         """The eyes of the detector; only measuring sticks get the truth."""

@@ -39,6 +39,18 @@ class Run:
     """Failures in a row after which the arm stops."""
     speed: float = 1.0
     """Share of the cell's limits at which the arm moves, above 0 to 1."""
+    dry_run: bool = False
+    """Print and draw every motion of the first round, and send nothing to arm or gripper."""
+    photos: Path | None = None
+    """With --dry-run on hardware: the scene that `neugrasp capture` wrote."""
+    confirm: bool = False
+    """Before every motion, say what comes and wait for Enter; s leaves the grasp out, q ends the run."""
+    view: bool = False
+    """Show the run in the browser while it lasts, with a button that stops the arm."""
+    host: str = "127.0.0.1"
+    """Where the page of --view listens; 0.0.0.0 lets other machines look and stop, too."""
+    port: int | None = None
+    """Where the page of --view listens; by default the first free one from 8080 on."""
     samples: int = 4
     """Of a pixel of the photos, in simulation: a power of two."""
     device: str = "cpu"

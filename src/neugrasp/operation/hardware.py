@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from neugrasp.errors import InputError
-from neugrasp.robot.arm_hand import ArmHand, Places
+from neugrasp.robot.arm_hand import OUT_OF_SIGHT, ArmHand, Places
+from neugrasp.robot.attended import Attendant, AttendedArm, AttendedGripper, AttendedManipulator
 from neugrasp.robot.cell_file import CellFile
 from neugrasp.robot.errors import LimitExceeded
-from neugrasp.robot.interface import Sensor
+from neugrasp.robot.interface import Arm, Manipulator, Sensor
 from neugrasp.robot.limits import Guarded
 from neugrasp.robot.motion import Motion
+from neugrasp.robot.opencv_camera import OpenCvCamera
 from neugrasp.robot.realsense import RealSense
 from neugrasp.robot.robotiq import Robotiq
 from neugrasp.robot.ur_arm import UrArm
@@ -31,8 +32,8 @@ NEAR = 0.5
 class Hardware:
     """What a loop needs of it."""
 
-    arm: Guarded
-    manipulator: ArmHand
+    arm: Arm
+    manipulator: Manipulator
     camera: WristCamera
 
 
@@ -43,28 +44,32 @@ def empty_folder(cell: CellFile) -> Path:
 
 
 @contextmanager
-def opened(cell: CellFile) -> Iterator[Hardware]:
-    """The cell, its arm out of sight. Raises a `RobotError` that names what does not answer."""
+def opened(cell: CellFile, attendants: Sequence[Attendant] = ()) -> Iterator[Hardware]:
+    """The cell, its arm out of sight. Attendants are told before anything moves.
+
+    Raises a `RobotError` that names what does not answer."""
     motion = planner_of(cell)
     tour = tour_of(cell, motion, cameras_of(cell))
     with ExitStack() as closing:
         sensor = closing.enter_context(_sensor(cell))
         gripper = closing.enter_context(Robotiq(cell.gripper.address, cell.gripper.gripper.max_opening))
-        arm = closing.enter_context(Guarded(closing.enter_context(UrArm(cell.arm.address)), motion.fence))
+        guarded = closing.enter_context(Guarded(closing.enter_context(UrArm(cell.arm.address)), motion.fence))
+        arm = AttendedArm(guarded, *attendants)
         _go_home(arm, cell, motion)
         places = Places(cell.out_of_sight, cell.drop, cell.gripper.force)
-        hand = ArmHand(arm, gripper, motion, places, rest=_nothing)
-        yield Hardware(arm, hand, WristCamera(arm, sensor, tour, cell))
+        fingers = AttendedGripper(gripper, *attendants)
+        hand = ArmHand(arm, fingers, motion, places, rest=_nothing)
+        manipulator = AttendedManipulator(hand, *attendants)
+        yield Hardware(arm, manipulator, WristCamera(arm, sensor, tour, cell))
 
 
 def _sensor(cell: CellFile) -> Sensor:
     part = cell.camera
-    if part.driver != "realsense":
-        raise InputError(f"{cell.source}: camera.driver {part.driver!r} is not part of this version")
-    return RealSense(part.address, part.camera.width, part.camera.height, part.exposure_us)
+    driver = RealSense if part.driver == "realsense" else OpenCvCamera
+    return driver(part.address, part.lens, part.exposure_us)
 
 
-def _go_home(arm: Guarded, cell: CellFile, motion: Motion) -> None:
+def _go_home(arm: Arm, cell: CellFile, motion: Motion) -> None:
     """Out of sight, from wherever it was left, where that is near and free."""
     here = arm.state().joints
     away = float(np.abs(here - cell.out_of_sight).max())
@@ -74,7 +79,7 @@ def _go_home(arm: Guarded, cell: CellFile, motion: Motion) -> None:
             "between; drive it there with the pendant"
         )
     way = motion.way(here, cell.out_of_sight[None], motion.checker())
-    arm.execute(way, until_contact=True, timeout_s=way.duration + GOING_HOME_S)
+    arm.execute(way.named(OUT_OF_SIGHT), until_contact=True, timeout_s=way.duration + GOING_HOME_S)
 
 
 def _nothing() -> None:

@@ -22,14 +22,19 @@ from neugrasp.evaluation.workers import open_runner
 from neugrasp.geometry.pose import Array
 from neugrasp.operation.check import findings_of
 from neugrasp.operation.command import Run
+from neugrasp.operation.confirm import Confirming
+from neugrasp.operation.dry_run import rehearsed_with_photos, written
 from neugrasp.operation.hardware import empty_folder, opened
 from neugrasp.operation.seen_table import NoGroundTruth, SeenTable
+from neugrasp.robot.attended import Attendant
 from neugrasp.robot.cell_file import CellFile, read_cell, text_hash
 from neugrasp.robot.errors import RobotError
 from neugrasp.robot.interface import Robot
+from neugrasp.robot.workcell import planner_of
 from neugrasp.robot.wrist_camera import Photographs, read_empty
 from neugrasp.run_folder import check_run_config, lock_folder
 from neugrasp.terminal import next_step
+from neugrasp.viewer.live import LivePage
 
 log = logging.getLogger(__name__)
 
@@ -44,6 +49,10 @@ def run(config: Run) -> str:
     if config.max_failures < 1:
         raise InputError(f"--max-failures {config.max_failures}; it must be at least 1")
     cell = checked_cell(config.cell, config.speed)
+    if config.dry_run:
+        return _dry_run(config, cell)
+    if config.photos is not None:
+        raise InputError("--photos is for --dry-run: an arm that moves takes its own")
     file = round_file(config.out, ROUND)
     with lock_folder(config.out, "run"):
         facts = facts_of_rounds(evaluation_of(config, cell)) if cell.is_twin else _facts(config)
@@ -51,7 +60,8 @@ def run(config: Run) -> str:
         begun = read_episode(file) if file.is_file() else None
         if begun is None or begun.ending == UNFINISHED:
             clear = _clear_twin if cell.is_twin else _clear_table
-            episode = clear(config, cell, _Told(file, begun))
+            with _watched(config, cell, _Told(file, begun)) as watch:
+                episode = clear(config, cell, watch)
             write_episode(file, episode)
         else:
             log.info("%s: this run has ended; another --out begins a new one", config.out)
@@ -119,18 +129,67 @@ class _Told:
         log.info("%s", _pick(episode.attempts[-1]))
 
 
-def _clear_table(config: Run, cell: CellFile, told: _Told) -> Episode:
+@dataclass(frozen=True)
+class _Watch:
+    """Who is told of a run, and where it is written."""
+
+    file: Path
+    log: Log
+    attendants: tuple[Attendant, ...]
+
+
+@contextmanager
+def _watched(config: Run, cell: CellFile, told: _Told) -> Iterator[_Watch]:
+    """A person at the terminal and a page in the browser, where they were asked for."""
+    person = (Confirming(planner_of(cell)),) if config.confirm else ()
+    if not config.view:
+        yield _Watch(told.file, Log(told.begun, told), person)
+        return
+    with LivePage(
+        f"neugrasp run {config.cell.name}", cell.workspace, cell.gripper.gripper, config.host, config.port
+    ) as page:
+        log.info("open %s in a browser; its button stops the arm", page.url)
+
+        def tell(episode: Episode) -> None:
+            told(episode)
+            page.told(episode)
+
+        yield _Watch(told.file, Log(told.begun, tell, page.stage), (page, *person))
+
+
+def _dry_run(config: Run, cell: CellFile) -> str:
+    """What a round would do."""
+    if cell.is_twin:
+        if config.photos is not None:
+            raise InputError("--photos is for hardware: a twin photographs its own table")
+        asked = evaluation_of(config, cell)
+        rules = replace(PROTOCOLS["paper"], num_objects=_objects(cell))
+        with open_runner(asked, photographer_for(asked), THREADS, rules=rules, speed=config.speed) as runner:
+            rehearsal = runner.rehearse(ROUND)
+    else:
+        _facts(config)
+        detector = detector_spec(config.detector).load(replace(config.options(), gripper=cell.gripper.model))
+        rehearsal = rehearsed_with_photos(cell, config.photos, detector, strategy_of(config.strategy))
+    return written(rehearsal, cell, config.out)
+
+
+def _objects(cell: CellFile) -> int:
+    assert cell.twin is not None
+    return cell.twin.objects
+
+
+def _clear_table(config: Run, cell: CellFile, watch: _Watch) -> Episode:
     """A real table, to its end."""
     detector = detector_spec(config.detector).load(replace(config.options(), gripper=cell.gripper.model))
     up: Array = cell.workspace.world_from_workspace[:3, 2]
     rules = replace(PROTOCOLS["paper"], max_failures=config.max_failures)
     game = EpisodeConfig(rules, strategy_of(config.strategy), lambda i, j: np.random.default_rng([i, j]), up)
     empty = read_empty(empty_folder(cell), cell.camera.camera)
-    with opened(cell) as hardware:
+    with opened(cell, watch.attendants) as hardware:
         table = SeenTable(Photographs(hardware.camera, empty))
         robot = Robot(table, hardware.manipulator, table)
-        with _saying_where(told.file):
-            return declutter(game, ROUND, robot, detector, NoGroundTruth(), Log(told.begun, told))
+        with _saying_where(watch.file):
+            return declutter(game, ROUND, robot, detector, NoGroundTruth(), watch.log)
 
 
 @contextmanager
@@ -142,17 +201,16 @@ def _saying_where(file: Path) -> Iterator[None]:
         raise type(error)(f"{error}; {file} holds what was done, the same command goes on") from error
 
 
-def _clear_twin(config: Run, cell: CellFile, told: _Told) -> Episode:
+def _clear_twin(config: Run, cell: CellFile, watch: _Watch) -> Episode:
     """The table of a twin, to its end. Raises a `RobotError` where the arm was stopped; what was done until
     then is written."""
-    assert cell.twin is not None
     asked = evaluation_of(config, cell)
-    rules = replace(PROTOCOLS["paper"], max_failures=config.max_failures, num_objects=cell.twin.objects)
+    rules = replace(PROTOCOLS["paper"], max_failures=config.max_failures, num_objects=_objects(cell))
     with open_runner(asked, photographer_for(asked), THREADS, rules=rules, speed=config.speed) as runner:
-        if told.begun is not None:
-            log.info("going on after %d picks", len(told.begun.attempts))
-        with _saying_where(told.file):
-            return runner.play_on(ROUND, Log(told.begun, told))
+        if watch.log.begun is not None:
+            log.info("going on after %d picks", len(watch.log.begun.attempts))
+        with _saying_where(watch.file):
+            return runner.play_on(ROUND, watch.log, watch.attendants)
 
 
 def _pick(attempt: Attempt) -> str:

@@ -14,7 +14,7 @@ from neugrasp.robot.collision import CollisionChecker
 from neugrasp.robot.errors import NoPlan
 from neugrasp.robot.free_way import leg
 from neugrasp.robot.interface import Arm, Gripper
-from neugrasp.robot.motion import Motion, PickPlan
+from neugrasp.robot.motion import BACK, TO_DROP, Motion, PickPlan
 from neugrasp.robot.trajectory import Trajectory
 
 PATIENCE = 3.0
@@ -22,6 +22,7 @@ PATIENCE = 3.0
 GRIPPER_TIMEOUT_S = 5.0
 CLEARANCE = 0.006
 """Metres kept from what was seen, but for the straight ways to a grasp and back."""
+OUT_OF_SIGHT = "out of sight"
 ARRIVED = 0.01
 """Radians by which the joints may be away from where a motion ended."""
 
@@ -86,7 +87,8 @@ class ArmHand:
             back = self._motion.line(here, plan.grasp.retreat)
         except NoPlan:
             return self._move(self._retraced(), until_contact=False)
-        return self._move(self._motion.timed([back], self._motion.approach_speed), until_contact=False)
+        way = self._motion.timed([back], self._motion.approach_speed)
+        return self._move(way.named(BACK), until_contact=False)
 
     def close(self) -> None:
         """Closes until something or the other finger resists, and goes on pressing."""
@@ -107,7 +109,7 @@ class ArmHand:
         if np.abs(here - plan.way_out.joints[0]).max() < ARRIVED:
             self._move(plan.way_out, until_contact=False)
         else:
-            self._go(self._places.drop)
+            self._go(self._places.drop, TO_DROP)
         held = self.holds()
         self.retract()
         return held
@@ -115,11 +117,11 @@ class ArmHand:
     def retract(self) -> None:
         """Lets go and goes out of sight."""
         self.open()
-        self._go(self._places.out_of_sight)
+        self._go(self._places.out_of_sight, OUT_OF_SIGHT)
         self._rest()
         self._plan = None
 
-    def _go(self, goal: Array) -> None:
+    def _go(self, goal: Array, what: str) -> None:
         """To joints (6,): on a new way, or back on the one that was come, and from its start."""
         here = self._joints()
         assert self._checker is not None
@@ -128,7 +130,7 @@ class ArmHand:
         except NoPlan:
             self._move(self._retraced(), until_contact=False)
             way = self._motion.way(self._joints(), goal[None], self._motion.checker(None), grasping=True)
-        self._move(way, until_contact=False)
+        self._move(way.named(what), until_contact=False)
 
     def _retraced(self) -> Trajectory:
         """Back on the motions since the grasp was prepared, to where they began."""
@@ -137,7 +139,8 @@ class ArmHand:
             nearest = int(np.abs(motion.joints - here).max(axis=1).argmin())
             legs += [leg(here, motion.joints[nearest]), motion.joints[nearest::-1]]
             here = motion.joints[0]
-        return self._motion.timed([part for part in legs if len(part) > 1], self._motion.approach_speed)
+        way = self._motion.timed([part for part in legs if len(part) > 1], self._motion.approach_speed)
+        return way.named("back on the way it came")
 
     def _move(self, motion: Trajectory, until_contact: bool) -> bool:
         self._trail.append(motion)

@@ -20,6 +20,8 @@ from neugrasp.geometry.pose import Array, from_quaternion
 from neugrasp.geometry.view_sets import VIEW_SETS
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
+from neugrasp.importers.distortion import Lens
+from neugrasp.importers.resampling import full_rectangle, is_inside
 from neugrasp.robot.arm_model import ARMS, JOINTS, ArmModel, arm_model
 from neugrasp.robot.limits import Box, Limits
 from neugrasp.robot.trajectory import Pace
@@ -76,7 +78,9 @@ class CameraPart:
     address: str
     """A serial number, or the number of a device; empty: the first one."""
     camera: Camera
-    """Its `world_from_camera` means nothing: the camera moves."""
+    """Of its photos without distortion. Its `world_from_camera` means nothing: the camera moves."""
+    lens: Lens
+    """Of its photos as they are taken."""
     flange_from_camera: Array
     housing: Array
     """(8, 3) corners of its box in the frame of the flange, metres."""
@@ -200,7 +204,7 @@ def _gripper(fields: Fields) -> GripperPart:
 
 def _camera(fields: Fields) -> CameraPart:
     known = ("driver", "address", "width", "height", "intrinsics", "housing", "flange_from_camera")
-    fields.only((*known, "exposure_us"))
+    fields.only((*known, "exposure_us", "distortion"))
     driver = fields.text("driver", CAMERA_DRIVERS)
     width, height = fields.whole("width", 64, 8192), fields.whole("height", 64, 8192)
     given = fields.rows("intrinsics", 3, 1e5, "a 3 x 3 matrix").tolist()
@@ -214,8 +218,21 @@ def _camera(fields: Fields) -> CameraPart:
         raise fields.refuse("housing", "must have three edges longer than 0 m")
     corners = (signs * edges / 2) @ mounted[:3, :3].T + mounted[:3, 3]
     exposure = fields.whole("exposure_us", 1, 1_000_000) if "exposure_us" in fields.data else None
-    camera = Camera(intrinsics, np.eye(4), width, height)
-    return CameraPart(driver, _address(fields, driver, False), camera, mounted, corners, exposure)
+    lens = _lens(fields, driver, Lens(intrinsics, width, height))
+    shown = full_rectangle(is_inside(lens, lens.distorted(lens.pixel_grid()))) if lens.is_distorted else None
+    camera = Camera(intrinsics, np.eye(4), width, height, shown)
+    return CameraPart(driver, _address(fields, driver, False), camera, lens, mounted, corners, exposure)
+
+
+def _lens(fields: Fields, driver: str, ideal: Lens) -> Lens:
+    """The lens with its distortion, where the file says one."""
+    if "distortion" not in fields.data:
+        return ideal
+    if driver == TWIN:
+        raise fields.refuse("distortion", "is for hardware; the photos of a twin have none")
+    values = fields.numbers("distortion", 5, 10, "[k1, k2, p1, p2, k3], as OpenCV has them")
+    k1, k2, p1, p2, k3 = values.tolist()
+    return replace(ideal, radial=(k1, k2, k3), tangential=(p1, p2))
 
 
 def _address(fields: Fields, driver: str, needed: bool) -> str:

@@ -91,5 +91,11 @@ class PlanningFailed(NoPlan):
     """Both ends are free, and no way between them was found in time."""
 
 
-SKIPS = (Unreachable.reason, InCollision.reason, PlanningFailed.reason, Refused.reason)
+class LeftOut(NoPlan):
+    """A person does not want this grasp."""
+
+    reason = "left out by a person"
+
+
+SKIPS = (Unreachable.reason, InCollision.reason, PlanningFailed.reason, Refused.reason, LeftOut.reason)
 """Why grasps are passed over, as rounds count them."""

@@ -27,6 +27,9 @@ JUMP = 0.35
 """Radians by which no joint may turn from one position on a line to the next: the arm would swing around."""
 TRIES = 4
 """Ends that a way is sought to, the nearest first."""
+TO_PREGRASP, TO_GRASP = "to the pre-grasp", "straight to the grasp"
+BACK, TO_DROP = "straight back from the grasp", "to the drop place"
+"""What the motions of a grasp are for."""
 HALF_TURN = rigid(rotation_about((0, 0, 1), np.pi))
 
 
@@ -158,7 +161,13 @@ class Motion:
                 continue
             approach = self.timed([candidate.approach], self.approach_speed)
             retreat = self.timed([candidate.retreat], self.approach_speed)
-            return PickPlan(candidate.grasp, way_in, approach, retreat, way_out)
+            return PickPlan(
+                candidate.grasp,
+                way_in.named(TO_PREGRASP),
+                approach.named(TO_GRASP),
+                retreat.named(BACK),
+                way_out.named(TO_DROP),
+            )
         raise problem
 
     def _followed(self, start: Array, grasp: Grasp) -> Iterator[_Candidate]:

@@ -8,6 +8,7 @@ from neugrasp import execution
 from neugrasp.execution import NOTHING_HELD, SUCCESS, Hand, carry_out
 from neugrasp.geometry.pose import Array
 from neugrasp.grasp import Grasp
+from neugrasp.robot.errors import LeftOut
 from neugrasp.robot.interface import Manipulator
 
 COLLISION = "collision on the way"
@@ -24,7 +25,8 @@ class Pick:
     """What came of a grasp."""
 
     reason: str
-    """One of `REASONS`, but for the last, which only a look at the table can tell; or `DROPPED`."""
+    """One of `REASONS`, but for the last, which only a look at the table can tell; or `DROPPED`, or that of
+    `LeftOut`."""
     opening: float
     """Between the pads at the end, metres."""
     touched: bool
@@ -44,7 +46,11 @@ def pick(manipulator: Manipulator, hand: Hand, grasp: Grasp, min_opening: float,
     `min_opening` metres between the pads after the retreat. `up` is the unit vector away from the table.
     """
     x, y, z = up.tolist()
-    outcome = carry_out(hand, replace(grasp, up=(x, y, z)), min_opening)
+    try:
+        outcome = carry_out(hand, replace(grasp, up=(x, y, z)), min_opening)
+    except LeftOut:
+        manipulator.retract()
+        return Pick(LeftOut.reason, hand.opening(), touched=False)
     opening = hand.opening()
     if not outcome.success:
         manipulator.retract()

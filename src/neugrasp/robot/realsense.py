@@ -1,8 +1,6 @@
 """The colour camera of a RealSense: the only file that imports pyrealsense2. Its depth is not used.
 
-Exposure and white balance are fixed, so that the empty table and the full one are photographed alike. A photo
-is believed when two frames in a row, taken after it was asked for, show the same: frames still in flight show
-the way here, and whatever moves is blurred.
+Exposure and white balance are fixed, so that the empty table and the full one are photographed alike.
 """
 
 from __future__ import annotations
@@ -13,32 +11,31 @@ from typing import Any
 
 import numpy as np
 
-from neugrasp.errors import require
+from neugrasp.errors import InputError, require
+from neugrasp.importers.distortion import Lens
 from neugrasp.observation import Image
 from neugrasp.robot.errors import CameraFault, ConnectionLost
+from neugrasp.robot.still_photo import still_photo
 
-IN_FLIGHT = 4
-"""Frames that may have been taken before a photo was asked for."""
 QUEUE = 2
 FRAMES_PER_SECOND = 30
-FRAME_S = 0.5
-"""Seconds within which a frame follows another."""
-STILL = 6.0
-"""Mean absolute difference of two frames of 0 to 255, from which something moves; noise is 1 to 3."""
+BENT = 1e-6
+"""Coefficient of distortion from which a lens is bent."""
+OTHER_FOCAL = 1.05
+"""Factor by which the focal length of the cell file may differ from what the camera says of itself."""
 
 
 class RealSense:
     """A camera by its serial number; the first one that is found where that is empty."""
 
-    def __init__(
-        self, serial: str, width: int, height: int, exposure_us: int | None = None, device: Any = None
-    ):
-        """Raises `ConnectionLost` where there is no such camera or stream, `MissingExtra` without the
-        library. `device` is for tests."""
+    def __init__(self, serial: str, lens: Lens, exposure_us: int | None = None, device: Any = None):
+        """Raises `ConnectionLost` where there is no such camera or stream, `InputError` where the camera
+        says of itself that it has another lens, `MissingExtra` without the library. `device` is for tests."""
         self._library: Any = require("pyrealsense2", extra="robot")
         self._name = f"RealSense {serial or '(the first one)'}"
         self._sensor = self._colour_sensor(device or self._device(serial))
-        profile = self._profile(width, height)
+        profile = self._profile(lens.width, lens.height)
+        self._check_lens(profile, lens)
         self._fix(exposure_us)
         self._queue = self._library.frame_queue(QUEUE, keep_frames=True)
         self._sensor.open(profile)
@@ -56,15 +53,7 @@ class RealSense:
     def photo(self, timeout_s: float) -> Image:
         """What is seen from now on, RGB (height, width, 3). Raises `CameraFault` where no frame comes, or
         none that is still."""
-        deadline = time.monotonic() + timeout_s
-        for _ in range(IN_FLIGHT):
-            self._frame(deadline)
-        before, now = self._frame(deadline), self._frame(deadline)
-        while float(np.abs(now.astype(np.int16) - before).mean()) > STILL:
-            if time.monotonic() > deadline:
-                raise CameraFault(f"{self._name}: no two frames in a row show the same; does something move?")
-            before, now = now, self._frame(deadline + FRAME_S)
-        return now
+        return still_photo(self._name, self._frame, timeout_s)
 
     def _frame(self, deadline: float) -> Image:
         left_ms = max(1, round(1000 * (deadline - time.monotonic())))
@@ -100,6 +89,22 @@ class RealSense:
                 return profile
         offered = ", ".join(f"{w} x {h}" for w, h in sorted(sizes)) or "none"
         raise ConnectionLost(f"{self._name}: no stream of {width} x {height} at 30 Hz; there are: {offered}")
+
+    def _check_lens(self, profile: Any, lens: Lens) -> None:
+        """What the camera says of itself is less exact than a calibration, but no other lens."""
+        said = profile.as_video_stream_profile().get_intrinsics()
+        bends = [float(x) for x in said.coeffs]
+        if max(map(abs, bends)) > BENT and not lens.is_distorted:
+            raise InputError(
+                f"{self._name}: says that its lens has distortion ({bends}), and the cell file says none; "
+                "calibrate, and write camera.distortion"
+            )
+        ratio = lens.intrinsics[0, 0] / said.fx if said.fx > 0 else 1.0
+        if not 1 / OTHER_FOCAL <= ratio <= OTHER_FOCAL:
+            raise InputError(
+                f"{self._name}: says fx = {said.fx:.1f} at this size, the cell file "
+                f"{lens.intrinsics[0, 0]:.1f}; the intrinsics must be those of this stream"
+            )
 
     def _fix(self, exposure_us: int | None) -> None:
         """Switches off whatever adapts; where the exposure is not given, it stays as it is."""

@@ -29,6 +29,8 @@ class Trajectory:
     """(n,) seconds from the start, increasing."""
     joints: Array
     """(n, 6) radians."""
+    what: str = ""
+    """What it is for, in words for people."""
 
     def __post_init__(self) -> None:
         n = len(self.times)
@@ -44,9 +46,13 @@ class Trajectory:
         """The joints (6,) at a moment; the ends outside."""
         return np.array([np.interp(seconds, self.times, column) for column in self.joints.T])
 
+    def named(self, what: str) -> Trajectory:
+        """The same motion with other words."""
+        return Trajectory(self.times, self.joints, what)
+
     def slowed(self, scale: float) -> Trajectory:
         """The same way at `scale` (0 to 1) of the speed."""
-        return Trajectory(self.times / scale, self.joints)
+        return Trajectory(self.times / scale, self.joints, self.what)
 
     def back(self, seconds: float) -> Trajectory:
         """The way back from where a motion stood after so many seconds to its start."""

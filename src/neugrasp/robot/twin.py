@@ -6,7 +6,7 @@ The user's world is the workspace frame here, as in `robot.simulated`. Time is t
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from types import TracebackType
 
 import numpy as np
@@ -14,6 +14,7 @@ import numpy as np
 from neugrasp.data.world import Scene
 from neugrasp.geometry.pose import Array
 from neugrasp.robot.arm_hand import ArmHand, Places
+from neugrasp.robot.attended import Attendant, AttendedArm, AttendedGripper, AttendedManipulator
 from neugrasp.robot.cell_file import CellFile
 from neugrasp.robot.errors import MotionTimeout, Stopped
 from neugrasp.robot.interface import ArmState
@@ -111,13 +112,16 @@ class TwinGripper:
 class TwinRobot:
     """The cell: arm, gripper and table in one world."""
 
-    def __init__(self, world: World, scene: Scene, cell: CellFile, motion: Motion):
+    def __init__(
+        self, world: World, scene: Scene, cell: CellFile, motion: Motion, attendants: Sequence[Attendant] = ()
+    ):
         """Lays `scene` into `world` and brings the arm in, out of sight. `cell` and `motion` are in the
         frame of the workspace (`workcell.moved_to`)."""
         self.table = SimulatedRobot(world, scene)
         body = world.mount(cell.arm.model.name, cell.arm.world_from_base, cell.gripper.flange_from_hand)
         body.put(cell.out_of_sight)
-        self.arm = Guarded(TwinArm(body), motion.fence)
-        gripper = TwinGripper(body, world)
+        self.arm = AttendedArm(Guarded(TwinArm(body), motion.fence), *attendants)
+        gripper = AttendedGripper(TwinGripper(body, world), *attendants)
         places = Places(cell.out_of_sight, cell.drop, cell.gripper.force)
-        self.manipulator = ArmHand(self.arm, gripper, motion, places, self.table.retract)
+        hand = ArmHand(self.arm, gripper, motion, places, self.table.retract)
+        self.manipulator = AttendedManipulator(hand, *attendants)

@@ -73,11 +73,11 @@ def tour_of(cell: CellFile, motion: Motion, cameras: Sequence[Camera]) -> Tour:
             motion.fence.check(way, here)
         except (NoPlan, Refused) as error:
             raise type(error)(f"view {number}: {error}") from error
-        stops.append(Stop(camera, way))
+        stops.append(Stop(camera, way.named(f"to view {number}")))
         here = way.joints[-1]
     home = motion.way(here, cell.out_of_sight[None], checker)
     motion.fence.check(home, here)
-    return Tour(tuple(stops), home)
+    return Tour(tuple(stops), home.named("out of sight"))
 
 
 def _tcp_of(cell: CellFile, camera: Camera) -> Array:

@@ -16,6 +16,7 @@ from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array
+from neugrasp.importers.resampling import resampled
 from neugrasp.observation import Image, View, Views
 from neugrasp.robot.cell_file import CellFile
 from neugrasp.robot.errors import CameraFault
@@ -57,22 +58,29 @@ class WristCamera:
         for number, stop in enumerate(self.tour.stops):
             self.arm.execute(stop.way, False, stop.way.duration + DRIVING_S)
             before = self.arm.state().joints
-            image = self.sensor.photo(PHOTO_S)
+            taken = self.sensor.photo(PHOTO_S)
             after = self.arm.state().joints
             if np.abs(after - before).max() > TREMBLING:
                 raise CameraFault(f"view {number}: the arm moved while the photo was taken")
-            shots.append(Shot(self._camera(after, image), image))
+            shots.append(Shot(self._camera(after), self._straightened(taken)))
         self.arm.execute(self.tour.home, False, self.tour.home.duration + DRIVING_S)
         return tuple(shots)
 
-    def _camera(self, joints: Array, image: Image) -> Camera:
-        arm, part = self.cell.arm, self.cell.camera
+    def _straightened(self, image: Image) -> Image:
+        """The photo without the distortion of its lens."""
+        part = self.cell.camera
         if image.shape[:2] != (part.camera.height, part.camera.width):
             height, width = image.shape[:2]
             raise CameraFault(
                 f"the camera gives {width} x {height} pixels; the cell file says {part.camera.width} x "
                 f"{part.camera.height}"
             )
+        if not part.lens.is_distorted:
+            return image
+        return resampled(image, part.lens.distorted(part.lens.pixel_grid()))
+
+    def _camera(self, joints: Array) -> Camera:
+        arm, part = self.cell.arm, self.cell.camera
         pose = arm.world_from_base @ arm.model.flange(joints) @ part.flange_from_camera
         return replace(part.camera, world_from_camera=pose)
 
