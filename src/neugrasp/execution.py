@@ -1,4 +1,4 @@
-"""One execution of a grasp, for labels, validation, rounds and real cells alike (method.md D2).
+"""One execution of a grasp, for labels, validation, rounds and real cells alike (docs/benchmark.md).
 
 Open, go to the pre-grasp, approach in a straight line, close, retreat in a straight line, look what is held.
 """

@@ -10,7 +10,7 @@ Grid = Float[np.ndarray, "r r r"]
 Image = Float[np.ndarray, "height width 3"]
 
 L1_MASKS = (1.0, 0.5, 0.3, 0.1, 0.05)
-"""Depths a of the masks -a < truth < 0.1 (method.md A6); 0.3 is the headline."""
+"""Depths a of the masks -a < truth < 0.1; 0.3 is the headline (docs/reproduction.md)."""
 CONSTANTS = (-1.0, 0.0, 1.0)
 """Predictors that know nothing, printed beside every L1."""
 

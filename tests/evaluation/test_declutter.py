@@ -232,7 +232,7 @@ def test_depth_cameras_measure_the_table(world: World):
 
 
 def test_constant_predictors_come_out_as_measured_elsewhere(world: World):
-    """The table of method.md A6 for a table with five boxes."""
+    """Bounds measured with an independent fusion of a table with five boxes."""
     five = (*THREE, box(0.08, 0.2), box(0.22, 0.2))
     robot = SimulatedRobot(world, boxes_scene(*five))
     error = SimulatedGroundTruth(robot, TruthCamera(world)).judge(detection())

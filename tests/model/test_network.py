@@ -92,6 +92,6 @@ def test_ablations_are_wired_as_the_paper_says(views, switch):
 
 
 def test_the_paper_model_has_about_the_papers_number_of_parameters():
-    """2.832 M in the released code (method.md B10); one more blending layer, group instead of batch norm."""
+    """2.832 M in the released code; one more blending layer, group instead of batch norm."""
     count = sum(parameter.numel() for parameter in NeuGrasp(paper().model).parameters())
     assert abs(count - 2_832_000) < 5_000

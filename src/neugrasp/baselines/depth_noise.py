@@ -1,4 +1,4 @@
-"""A cheap depth sensor: exact depth with multiplicative and blurred additive noise (method.md D4)."""
+"""A cheap depth sensor: exact depth with multiplicative and blurred additive noise (GIGA's training data)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""VGN on our own physics: the grasp head alone, on grids fused from 1 to 6 noise-free views (method.md C)."""
+"""VGN on our own physics: the grasp head alone, on grids fused from 1 to 6 noise-free views."""
 
 from __future__ import annotations
 

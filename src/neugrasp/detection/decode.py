@@ -25,7 +25,7 @@ from neugrasp.gripper import Gripper
 
 @dataclass(frozen=True)
 class SelectionConfig:
-    """VGN's constants (method.md C), as all systems of the paper use them, and a check that they lack."""
+    """VGN's released constants, as all systems of the paper use them, and a check that they lack."""
 
     threshold: float = 0.9
     """Smoothed quality below which a voxel is no grasp."""

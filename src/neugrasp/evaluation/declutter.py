@@ -1,4 +1,4 @@
-"""The loop of the benchmark (method.md D5): look, detect, choose, execute, until nothing is left to do.
+"""The loop of the benchmark (docs/benchmark.md): look, detect, choose, execute, until nothing is left to do.
 
 It drives the protocols of `robot.interface` and knows nothing of a simulation.
 """

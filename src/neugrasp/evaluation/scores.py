@@ -1,4 +1,4 @@
-"""Rounds -> SR, FSR, DR and L1, each with its interval and its count (method.md D5, A6)."""
+"""Rounds -> SR, FSR, DR and L1, each with its interval and its count (docs/benchmark.md)."""
 
 from __future__ import annotations
 

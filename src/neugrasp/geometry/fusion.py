@@ -1,4 +1,4 @@
-"""Depth images fused into a truncated signed distance grid, as VGN and Open3D do it (method.md A2)."""
+"""Depth images fused into a truncated signed distance grid, as VGN and Open3D do it."""
 
 from __future__ import annotations
 

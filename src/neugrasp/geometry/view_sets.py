@@ -1,4 +1,4 @@
-"""The named sets of viewpoints. Polar angles are measured from the vertical (method.md A8)."""
+"""The named sets of viewpoints. Polar angles are measured from the vertical (docs/reproduction.md)."""
 
 from __future__ import annotations
 

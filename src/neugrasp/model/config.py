@@ -15,7 +15,7 @@ class NetworkConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class ModelConfig(NetworkConfig):
-    """Defaults are the paper's shapes (method.md B) at a 256 x 256 crop."""
+    """Defaults are the paper's shapes (Fig. 2, and its released code) at a 256 x 256 crop."""
 
     encoder_width: int = 32
     """Channels of the first stage; the next two have 2 x and 4 x."""

@@ -70,7 +70,7 @@ class NeuGrasp(nn.Module):
         self.field = SdfField(config)
         self.head = GraspHead(config)
         if config.learned_sharpness:
-            # exp(10 v) = 100 per metre at the start (method.md J2).
+            # exp(10 v) = 100 per metre at the start (docs/reproduction.md).
             self.log_sharpness = nn.Parameter(torch.tensor(0.46))
 
     def forward(self, views: ViewTensors) -> tuple[Reconstruction[EncodedViews], GraspVolume]:

@@ -1,4 +1,4 @@
-"""Scenes laid at random: piles dropped into a tray, objects packed upright, single objects (method.md D3)."""
+"""Random scenes: piles dropped into a tray, objects packed upright, single objects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A work cell drawn at random: cropped cameras, light, table and surroundings (method.md A7, A8, E)."""
+"""A work cell drawn at random: cropped cameras, light, table and surroundings."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ LUMINANCE: dict[str, float] = {
 lies flat and of paper tilted by 45 degrees to the brightest side. A low sun lights upright sides most."""
 
 TABLE_SIZE = (0.898, 1.3)
-"""Metres (method.md E)."""
+"""Metres, as in the released generator."""
 FLOOR_DROP = 0.75
 """Metres from the table's surface down to the floor."""
 

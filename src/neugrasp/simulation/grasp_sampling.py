@@ -1,4 +1,4 @@
-"""The labels of a scene: grasps tried at points of its visible surface (method.md D4)."""
+"""The labels of a scene: grasps tried at points of its visible surface (VGN)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The true surface of a simulated scene, fused from depth images all around it (method.md A4)."""
+"""The true surface of a simulated scene, fused from depth images all around it (docs/benchmark.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Work cells as an infrared stereo sensor sees them: dim light and projected dots (method.md E)."""
+"""Work cells as an infrared stereo sensor sees them: dim light and projected dots (docs/benchmark.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How objects look: presets of the paper's material classes, their jitter, and the mixes (method.md E)."""
+"""Materials of objects: presets of the paper's classes, their jitter, and the mixes."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ def _glass_jitter(preset: Parameters, rng: np.random.Generator) -> Parameters:
 
 
 def _jitter(preset: Parameters, kind: str, subclass: str, rng: np.random.Generator) -> Parameters:
-    """The preset moved by the ranges of method.md E, clipped to 0..1, with a colour or texture of its own."""
+    """The preset moved within the released ranges, clipped to 0..1, in a new colour or texture."""
 
     def moved(name: str, low: float, high: float, default: float = 0.0) -> float:
         return float(np.clip(preset.get(name, default) + rng.uniform(low, high), 0, 1))

@@ -1,6 +1,6 @@
 """The physics of a table with objects: the only file that imports PyBullet.
 
-Poses are in the workspace frame, which is PyBullet's world. Numbers follow VGN's world (method.md D1).
+Poses are in the workspace frame, which is PyBullet's world. Numbers follow VGN's released simulator.
 """
 
 from __future__ import annotations

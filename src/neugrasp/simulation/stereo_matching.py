@@ -1,4 +1,4 @@
-"""Depth from a rectified pair of infrared images, as a stereo sensor finds it (method.md E).
+"""Depth from a rectified pair of infrared images, as a stereo sensor finds it (DREDS).
 
 Zero-mean normalised cross-correlation of windows, a parabola for sub-pixels, a check from left to right and
 back, then a median and a bilateral filter. What does not match, or matches something else, is no measurement.

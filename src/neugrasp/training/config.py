@@ -17,7 +17,7 @@ class LossWeights:
     """What each term counts for; 0 leaves it out."""
 
     photometric: float = 0.1
-    """Squared error summed over RGB; coarse and fine each (method.md B11)."""
+    """Squared error summed over RGB; coarse and fine each (released code: 0.1)."""
     eikonal: float = 0.1
     grasp: float = 0.01
     rehearsal: float = 0.0

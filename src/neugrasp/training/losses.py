@@ -144,7 +144,7 @@ def _near_surface_mean(error: Tensor, truth: Tensor, heights: Tensor, workspace:
 
 
 def grasp_loss(volume: GraspVolume, labels: list[LabelTensors]) -> Scalar:
-    """Cross-entropy of the quality, plus rotation and 0.01 width^2 where a grasp succeeded (method.md C).
+    """Cross-entropy of the quality, plus rotation and 0.01 width^2 where a grasp succeeded (VGN).
 
     One entry of `labels` for each grid of the volume. Successes and failures count half each, whatever
     their number.

@@ -9,7 +9,7 @@ from neugrasp.model.config import ModelConfig, NetworkConfig
 
 @dataclass(frozen=True, kw_only=True)
 class GraspNerfConfig(NetworkConfig):
-    """Defaults are the original's widths (method.md F) at this project's crop."""
+    """Defaults are the widths of GraspNeRF's released code at this project's crop."""
 
     encoder_width: int = 32
     """Channels of the first stage of both encoders; the next two have 2 x and 4 x."""

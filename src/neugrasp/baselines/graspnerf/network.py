@@ -40,7 +40,7 @@ class GraspNerf(nn.Module):
         self.encoders = Encoders(config)
         self.coarse, self.fine = Pass(config), Pass(config)
         self.head = GraspHead(ModelConfig(head_channels=config.head_channels))
-        # exp(10 v) = 100 per metre at the start (method.md J2).
+        # exp(10 v) = 100 per metre at the start (docs/reproduction.md).
         self.log_sharpness = nn.Parameter(torch.tensor(0.46))
 
     def forward(self, views: ViewTensors) -> tuple[Reconstruction[PhotographedScene], GraspVolume]:

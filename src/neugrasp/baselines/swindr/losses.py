@@ -1,4 +1,4 @@
-"""What SwinDR minimises, of its restored and of its initial depth, and how it is judged (method.md G)."""
+"""The losses of SwinDR on its restored and its initial depth (Dai et al., ECCV 2022), and its judges."""
 
 from __future__ import annotations
 

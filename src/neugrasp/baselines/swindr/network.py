@@ -58,7 +58,7 @@ class Fusion(nn.Module):
         normal = [one(x) for one, x in zip(self.normals, maps, strict=True)]
         learned = []
         for i, x in enumerate(maps):
-            # Asked by the other branch's tokens, about this one's: method.md G.
+            # Asked by the other branch's tokens, about this one's (cross-attention fusion of SwinDRNet).
             y = x + self.attentions[i](normal[1 - i], normal[i])
             learned.append(y + self.perceptrons[i](self.between[i](y)))
         return torch.cat([*maps, self.normal(self.joined(torch.cat(learned, -1)))], -1)
