@@ -42,8 +42,8 @@ for scene in packed pile; do
 done
 
 few=("$((scenes / 9))" "$((scenes / 3))")
-two_at_a_time train head head "$head"
-for count in "${few[@]}"; do two_at_a_time train "head-$count" head "$head" --scenes "$count"; done
+two_at_a_time train head head-only "$head"
+for count in "${few[@]}"; do two_at_a_time train "head-$count" head-only "$head" --scenes "$count"; done
 finish
 
 models=(small tsdf without-backgrounds without-occupancy without-attention)
@@ -63,4 +63,4 @@ for model in "${models[@]}" "${few[@]/#/small-}" "small-${few[0]}-$long" "small-
   for scene in packed pile; do two_at_a_time play "$model" $scene; done
 done
 finish
-neugrasp results
+python tools/results.py

@@ -58,4 +58,4 @@ if [ -n "${VGN:-}" ]; then
   done
 fi
 finish
-neugrasp results
+python tools/results.py

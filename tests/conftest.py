@@ -11,7 +11,7 @@ import pytest
 from hypothesis import settings
 
 # Lets all tests share `ball_record` and others.
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "tools")]
 
 import shape_checker
 

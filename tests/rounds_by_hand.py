@@ -5,7 +5,23 @@ from __future__ import annotations
 from typing import Any
 
 from neugrasp.evaluation.episode import EMPTY, Attempt, Episode
+from neugrasp.evaluation.protocols import protocol_of
+from neugrasp.evaluation.scores import scores
 
+FACTS = {
+    "detector": "vgn",
+    "scene": "packed",
+    "materials": "diffuse",
+    "strategy": "random",
+    "protocol": "paper",
+    "views": "released",
+    "depth": "exact",
+    "gripper": "panda",
+    "seed": 0,
+    "objects_sha256": "abc",
+    "weights": "vgn_conv.pth",
+}
+"""What run.json says of an evaluation."""
 REASON = {True: "success", False: "slipped on lifting"}
 
 
@@ -36,3 +52,17 @@ def played(index: int, outcomes: str, objects: int = 5, ending: str = EMPTY, **c
     """A round with one attempt per letter: "+" a success, "-" a failure."""
     attempts = tuple(attempt(index, i, letter == "+") for i, letter in enumerate(outcomes))
     return Episode(index, objects, ending, attempts, f"scene {index}", timing_s={"look": 2.0}, **changes)
+
+
+def metrics(episodes: list[Episode], **changes: Any) -> dict[str, Any]:
+    """The metrics.json of an evaluation that played these."""
+    return {
+        "format": "neugrasp-metrics",
+        "version": 1,
+        **FACTS,
+        **scores(episodes, protocol_of("paper")),
+        "command": "neugrasp evaluate ...",
+        "commit": "abc1234",
+        "machine": "here",
+        **changes,
+    }

@@ -299,6 +299,15 @@ def test_an_old_name_of_a_command_is_read_and_said_to_be_old(
     assert not caplog.text
 
 
+@pytest.mark.parametrize(("name", "tool"), cli.GONE.items())
+def test_a_command_that_left_the_program_says_where_it_went(
+    name: str, tool: str, capsys: pytest.CaptureFixture[str]
+):
+    assert cli.main([name, "--out", "x"]) == 2
+    assert tool in capsys.readouterr().err
+    assert (Path(__file__).parents[1] / tool.split()[-1]).is_file()
+
+
 def test_the_package_runs_as_a_module():
     run = subprocess.run([sys.executable, "-m", "neugrasp", "--version"], capture_output=True, text=True)
     assert run.stdout == f"neugrasp {neugrasp.__version__}\n"

@@ -36,7 +36,6 @@ STEPS = {
     "board": "board --out board.pdf",
     "import": "import nerfstudio phone --alignment phone/alignment.json --out scene",
     "generate": "generate --no-photos --num 2 --workers 1 --out data",
-    "datasheet": "datasheet --data data --out sheet",
     "pack": "pack --data data --out shards",
     "train": "train --recipe head-only --data shards --steps 1 --loaders 0 --out run",
     "train-evaluator": "train-evaluator --data lessons --steps 1 --out judge",
@@ -50,7 +49,6 @@ STEPS = {
     "failures": "failures rounds",
     "inspect-episode": "inspect-episode rounds 0 --photos no",
     "table": "table packed --detectors oracle --strategies top --rounds 1 --workers 1 --out table",
-    "results": "results --folder results --out results.md",
     "figure": "figure trajectory --out figure.png",
     "bench": "bench --part inference --rounds 1 --threads 1 --json speed.json",
 }
@@ -141,10 +139,6 @@ def test_a_walk_through_every_command(tmp_path: Path):
     for name, words in left.items():
         if name == "compare":
             shutil.copytree(tmp_path / "rounds", tmp_path / "rounds2")
-        if name == "results":
-            (tmp_path / "results/a").mkdir(parents=True)
-            shutil.copy(tmp_path / "rounds/metrics.json", tmp_path / "results/a/metrics.json")
-            (tmp_path / "results/foreign.json").write_text('{"mine": 1}')
         if name == "one-shot":
             photograph(tmp_path / "data", tmp_path / "photos")
         run(words, tmp_path)

@@ -21,13 +21,13 @@ from neugrasp.data.command import Pack
 from neugrasp.demo.command import Demo
 from neugrasp.doctor.command import Doctor
 from neugrasp.doctor.findings import Verdict
-from neugrasp.errors import NeuGraspError
-from neugrasp.evaluation.commands import Compare, Evaluate, Failures, InspectEpisode, OneShot, Results, Table
+from neugrasp.errors import InputError, NeuGraspError
+from neugrasp.evaluation.commands import Compare, Evaluate, Failures, InspectEpisode, OneShot, Table
 from neugrasp.exporters.command import Export
 from neugrasp.figures.command import Figure
 from neugrasp.importers.command import Import, PrintBoard
 from neugrasp.operation.command import Calibrate, Capture, Cell, Run
-from neugrasp.report.command import DataSheet, Predict
+from neugrasp.report.command import Predict
 from neugrasp.ros.command import Ros
 from neugrasp.server.command import Serve
 from neugrasp.simulation.command import Generate
@@ -93,19 +93,19 @@ COMMANDS: dict[str, Command] = {
     "board": Command(PrintBoard, "importers.board_page:run"),
     "export": Command(_positional(Export), "exporters.exporting:run"),
     "pack": Command(Pack, "data.run:run"),
-    "datasheet": Command(DataSheet, "report.data_sheet:run"),
     "one-shot": Command(OneShot, "evaluation.one_shot:run"),
     "compare": Command(_positional(Compare), "evaluation.compare:run"),
     "failures": Command(_positional(Failures), "evaluation.failures:run"),
     "inspect-episode": Command(_positional(InspectEpisode), "evaluation.episode_report:run"),
     "table": Command(_positional(Table), "evaluation.paper_table:run"),
-    "results": Command(Results, "evaluation.results:run"),
     "figure": Command(_positional(Figure), "figures.run:run"),
     "bench": Command(SpeedTest, "bench.run:run"),
 }
 
 RENAMED = {"validate": "one-shot", "story": "inspect-episode"}
 """Commands by their names of before; they are read for one version more."""
+GONE = {"results": "python tools/results.py", "datasheet": "python tools/data_sheet.py"}
+"""What made the pages of the repository, and what does now; said for one version more."""
 
 FIRST = ("demo", "doctor", "predict", "view", "import", "generate", "train", "evaluate")
 """What users need first; the rest comes below in the help."""
@@ -146,7 +146,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _today(name: str) -> str:
-    """The name that a command has now; whoever uses an older one is told."""
+    """The name that a command has now; whoever uses an older one is told.
+
+    Raises `InputError` where the command left the program.
+    """
+    if name in GONE:
+        raise InputError(f"{name} is no command any more; in a checkout of the repository, run: {GONE[name]}")
     if today := RENAMED.get(name):
         log.warning("neugrasp %s is called %s now; the old name ends with the next version", name, today)
     return today or name

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -12,9 +9,6 @@ from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import inverse, look_at
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.observation import View, Views
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
-
 from pose_error_table import ERRORS, Error, table_of
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from judge import Judge
+from measured import Meshes, RealScene
 from neugrasp.data.scene_folder import write_scene
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
@@ -19,11 +20,6 @@ from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
 from neugrasp.observation import View, Views
 from neugrasp.simulation.meshes import Mesh, write_obj
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
-
-from judge import Judge
-from measured import Meshes, RealScene
 from real import surface_errors, table_of
 
 pytest.importorskip("pybullet")

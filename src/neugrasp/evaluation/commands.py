@@ -185,18 +185,6 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Results:
-    """The page of results from the metrics.json files of many evaluations."""
-
-    doing: ClassVar[str] = "writing the page"
-
-    folder: Path = Path("docs/results")
-    """Where NAME.json, or NAME/metrics.json, lie."""
-    out: Path = Path("docs/results.md")
-    """The page."""
-
-
-@dataclass(frozen=True)
 class OneShot:
     """Held-out scenes: how good the surface is, and whether the best grasp holds when it is executed.
 

@@ -18,7 +18,6 @@ from neugrasp.detection.registry import DEPTH, detector_spec
 from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.episode import CRASHED, Episode, attempt_line, read_episode, write_episode
-from neugrasp.evaluation.metrics_file import FORMAT, VERSION
 from neugrasp.evaluation.protocols import protocol_of, strategy_of
 from neugrasp.evaluation.rounds import num_rounds
 from neugrasp.evaluation.scores import scores
@@ -37,6 +36,8 @@ from neugrasp.simulation.renderer import Renderer, RenderSettings
 from neugrasp.terminal import next_step
 
 log = logging.getLogger(__name__)
+FORMAT, VERSION = "neugrasp-metrics", 1
+"""Of metrics.json."""
 
 
 def run(config: Evaluate) -> str:

@@ -1,4 +1,4 @@
-"""`neugrasp predict` and `neugrasp datasheet` as plain data; heavy parts load when it is run."""
+"""`neugrasp predict` as plain data; heavy parts load when it is run."""
 
 from __future__ import annotations
 
@@ -48,15 +48,3 @@ class Predict:
     gripper: http://HOST:8421."""
     token_file: Path | None = None
     """A file with the token that the server asks for."""
-
-
-@dataclass(frozen=True)
-class DataSheet:
-    """Describes generated scenes: counts, balance of labels and materials, pictures."""
-
-    doing: ClassVar[str] = "reading the scenes"
-
-    data: tuple[Path, ...]
-    """Folders made by `neugrasp generate`, or of shards packed from them; each has a column."""
-    out: Path
-    """Where data_sheet.md and its two pictures are written, all or none."""

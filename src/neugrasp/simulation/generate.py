@@ -108,8 +108,7 @@ def run(config: Generate) -> str:
         url = Bucket.open(config.out).url
         return f"{len(folders)} scenes in {url}; copy it into a folder to learn from it"
     then = next_step("train", *recipe, "--data", config.out, "--out", "runs/mine")
-    sheet = next_step("datasheet", "--data", config.out, "--out", config.out / "sheet")
-    return f"{len(folders)} scenes in {config.out}\n{sheet}\n{then}"
+    return f"{len(folders)} scenes in {config.out}\n{then}"
 
 
 def _renderer_of(config: Generate) -> MakeSceneRenderer:

@@ -9,8 +9,8 @@ from typing import Any
 from neugrasp.data.fields import Fields, is_number
 from neugrasp.data.strict_json import read_json
 from neugrasp.errors import InputError
+from neugrasp.evaluation.run import FORMAT, VERSION
 
-FORMAT, VERSION = "neugrasp-metrics", 1
 WORDS = ("detector", "scene", "materials", "strategy", "protocol", "views", "command", "commit", "machine")
 COUNTS = ("seed", "successes", "attempts", "rounds", "objects")
 RATES = ("SR", "FSR", "DR")

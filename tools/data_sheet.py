@@ -1,7 +1,12 @@
-"""What a data set holds: counts, balance of labels and materials, and pictures of some scenes."""
+"""What a data set holds: counts, balance of labels and materials, and pictures of some scenes.
+
+python tools/data_sheet.py --data DIR [DIR ...] --out DIR
+"""
 
 from __future__ import annotations
 
+import argparse
+import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,11 +20,10 @@ from scipy.spatial.transform import Rotation
 from neugrasp.data.records import Record
 from neugrasp.data.scene_sets import open_scenes
 from neugrasp.data.whole_or_nothing import whole_or_nothing
+from neugrasp.errors import NeuGraspError
 from neugrasp.observation import Image
 from neugrasp.pictures import Tile, contact_sheet, write_picture
 from neugrasp.progress import counted
-from neugrasp.report.command import DataSheet
-from neugrasp.terminal import next_step
 
 TEXT, SCENES, BALANCE = "data_sheet.md", "scenes.jpg", "balance.png"
 NUM_SCENES = 3
@@ -78,12 +82,6 @@ class Counts:
             self.widths += labels.widths[labels.success].tolist()
             approach = Rotation.from_quat(labels.quaternions[labels.success]).apply((0.0, 0.0, 1.0))
             self.angles += np.degrees(np.arccos(np.clip(-approach[:, 2], -1, 1))).tolist()
-
-
-def run(config: DataSheet) -> str:
-    """`neugrasp datasheet`: the sheet's name, and what to do next."""
-    sheet = write_data_sheet(config.data, config.out)
-    return f"{sheet}\n{next_step('train', '--data', *config.data, '--out', 'runs/mine')}"
 
 
 def write_data_sheet(folders: Sequence[Path], out: Path) -> Path:
@@ -224,3 +222,21 @@ def _bars(values: Iterable[float], high: int) -> Image:
     pen.text((2, floor + 4), "0", fill=INK, font=font)
     pen.text((width - 2, floor + 4), str(high), fill=INK, font=font, anchor="ra")
     return np.asarray(picture)
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Writes data_sheet.md and its two pictures, all or none, and prints its name; 2 where it cannot."""
+    parser = argparse.ArgumentParser(description="Counts, balance and pictures of generated scenes.")
+    parser.add_argument("--data", type=Path, nargs="+", required=True, help="each has a column; shards, too")
+    parser.add_argument("--out", type=Path, required=True)
+    options = parser.parse_args(words)
+    try:
+        print(write_data_sheet(options.data, options.out))
+    except (NeuGraspError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from PIL import Image as Picture
 
-from neugrasp import cli
+import data_sheet
+from data_sheet import Counts
 from neugrasp.data import records
 from neugrasp.data.labels import GraspLabels
 from neugrasp.data.records import Record, write_record
-from neugrasp.report.data_sheet import Counts
 
 DOWN, SIDEWAYS = (1.0, 0.0, 0.0, 0.0), (0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5))
 
@@ -68,8 +68,8 @@ def test_the_command_writes_a_page_with_a_column_for_every_folder(
     for record, folder in zip(scenes, ("one", "two"), strict=True):
         write_record(tmp_path / folder / "scenes" / record.name, record)
     out = tmp_path / "sheet"
-    arguments = ["datasheet", "--data", str(tmp_path / "one"), str(tmp_path / "two"), "--out", str(out)]
-    assert cli.main(arguments) == 0
+    arguments = ["--data", str(tmp_path / "one"), str(tmp_path / "two"), "--out", str(out)]
+    assert data_sheet.main(arguments) == 0
     assert capsys.readouterr().out.splitlines()[0] == str(out / "data_sheet.md")
     page = (out / "data_sheet.md").read_text()
     assert "2 scenes, 1 of them with photos." in page
@@ -86,6 +86,6 @@ def test_the_command_writes_a_page_with_a_column_for_every_folder(
 def test_a_folder_without_records_leaves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     (tmp_path / "empty").mkdir()
     out = tmp_path / "sheet"
-    assert cli.main(["datasheet", "--data", str(tmp_path / "empty"), "--out", str(out)]) == 2
+    assert data_sheet.main(["--data", str(tmp_path / "empty"), "--out", str(out)]) == 2
     assert "no scenes" in capsys.readouterr().err
     assert not out.exists()
