@@ -10,11 +10,11 @@ from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.sampling import (
     CameraTensors,
     LookupTable,
-    sample_images,
     sample_volume,
     volume_interpolation,
 )
 from neugrasp.geometry.workspace import Workspace
+from reference_network.images import sample_images
 
 
 @pytest.mark.parametrize("factor", [1, 4])

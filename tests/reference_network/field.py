@@ -9,10 +9,11 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from neugrasp.geometry.sampling import CameraTensors, sample_images, sample_volume
+from neugrasp.geometry.sampling import CameraTensors, sample_volume
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.config import ModelConfig
 from reference_network.attention import PlainEncoderLayer, PlainViewTransformer
+from reference_network.images import sample_images
 
 ORDER_DIM = 8
 

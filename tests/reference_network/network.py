@@ -2,7 +2,7 @@
 
 Float32 throughout, backgrounds encoded every time, every token of every point attended to, maps read again
 for each use. Shared with the product, because there is only one way to write them: the features of the
-change, reading maps and volumes (PyTorch's own `grid_sample`), placing samples on rays and adding up what
+change, reading volumes (PyTorch's own `grid_sample`), placing samples on rays and adding up what
 they weigh.
 """
 
@@ -14,7 +14,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from neugrasp.geometry.sampling import sample_images, sample_volume
+from neugrasp.geometry.sampling import sample_volume
 from neugrasp.model.config import ModelConfig
 from neugrasp.model.features import ImageDifference
 from neugrasp.model.grasp_head import GraspVolume
@@ -30,6 +30,7 @@ from neugrasp.model.rendering import (
 )
 from reference_network.features import PlainFeatures, PlainResidual
 from reference_network.field import PlainField, PlainScene
+from reference_network.images import sample_images
 from reference_network.volumes import PlainVolumes
 
 NAMES = ((".expand.", ".mlp.0."), (".contract.", ".mlp.2."))

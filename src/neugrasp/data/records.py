@@ -9,8 +9,6 @@ trials.npz.
 from __future__ import annotations
 
 import json
-import shutil
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,8 +24,9 @@ from neugrasp.data.scene_folder import read_scene, write_scene
 from neugrasp.data.strict_json import read_json
 from neugrasp.data.trials import Trials, trials_from_bytes, trials_to_bytes
 from neugrasp.data.truth_file import truth_from_bytes, truth_to_bytes
+from neugrasp.data.whole_or_nothing import whole_folder
 from neugrasp.data.world import Scene, scene_from_json, scene_to_json
-from neugrasp.errors import DataError, InputError, NeuGraspError, told_as
+from neugrasp.errors import DataError, InputError, told_as
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.observation import View, Views
@@ -150,23 +149,11 @@ def without_photos() -> dict[str, Any]:
 def write_record(folder: Path, record: Record) -> None:
     """Writes the record as `folder`, all of it or nothing; an existing complete folder stays as it is.
 
-    The same record gives the same bytes. Raises `NeuGraspError` where the disk refuses.
+    The same record gives the same bytes. Raises `WriteError` where the disk refuses.
     """
     folder = Path(folder)
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=f".tmp-{folder.name}-", dir=folder.parent))
-    except OSError as error:
-        raise NeuGraspError(f"{folder}: cannot be written ({error.strerror})") from error
-    try:
-        temporary.chmod(0o755)
-        _write_files(temporary, record)
-        if not folder.exists():
-            temporary.rename(folder)
-    except OSError as error:
-        raise NeuGraspError(f"{folder}: cannot be written ({error.strerror}); nothing was kept") from error
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+    with whole_folder(folder) as part:
+        _write_files(part, record)
 
 
 PhotosWanted = Literal["all", "inputs", "none"]

@@ -27,6 +27,7 @@ from neugrasp.errors import InputError, SceneError, told_as
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.workspace import USUAL, Workspace
 from neugrasp.observation import MAX_VIEWS, Image, View, Views
+from neugrasp.output import write_text
 
 FORMAT = "neugrasp-scene"
 VERSION = 1
@@ -99,9 +100,7 @@ def write_scene(path: str | Path, views: Views) -> None:
             target = path / entry[key]
             target.parent.mkdir(parents=True, exist_ok=True)
             Picture.fromarray(pixels).save(target, compress_level=4)
-    part = path / (FILE + ".part")
-    part.write_text(json.dumps(document, indent=1), encoding="utf-8")
-    part.replace(path / FILE)
+    write_text(path / FILE, json.dumps(document, indent=1))
 
 
 def scene_document(views: Views) -> dict[str, Any]:

@@ -46,6 +46,35 @@ def whole_or_nothing(out: Path, names: Sequence[str] = ()) -> Iterator[Path]:
                 out.rmdir()
 
 
+@contextmanager
+def whole_folder(folder: Path) -> Iterator[Path]:
+    """A new folder to write into that becomes `folder` at the end, or vanishes where something fails.
+
+    One that is there by then stays, and the new one goes. Raises `WriteError` where the disk refuses.
+    """
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        part = Path(tempfile.mkdtemp(prefix=f".tmp-{folder.name}-", dir=folder.parent))
+        try:
+            part.chmod(0o755)
+            yield part
+            if not folder.exists():
+                _rename(part, folder)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
+    except OSError as error:
+        raise WriteError(f"{folder}: cannot be written ({error.strerror or error})") from error
+
+
+def _rename(part: Path, folder: Path) -> None:
+    """Another process may have been first."""
+    try:
+        part.rename(folder)
+    except OSError:
+        if not folder.is_dir():
+            raise
+
+
 def _exchange(part: Path, out: Path, names: Sequence[str]) -> None:
     """The old files go before the new ones come: nobody ever finds some of both. All as before on failure."""
     new = sorted((file.name for file in part.iterdir()), key=lambda name: (name in names[:1], name))

@@ -50,10 +50,6 @@ class Trajectory:
         """The same motion with other words."""
         return Trajectory(self.times, self.joints, what)
 
-    def slowed(self, scale: float) -> Trajectory:
-        """The same way at `scale` (0 to 1) of the speed."""
-        return Trajectory(self.times / scale, self.joints, self.what)
-
     def back(self, seconds: float) -> Trajectory:
         """The way back from where a motion stood after so many seconds to its start."""
         done = np.append(self.times[self.times < seconds], min(seconds, self.times[-1]))

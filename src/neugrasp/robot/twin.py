@@ -29,8 +29,6 @@ COMING_TO_REST = 24
 """Physics steps after the last target of a motion."""
 CLOSING_S, OPENING_S = 0.5, 0.7
 """Seconds that the fingers are given: as long as the floating hand has to close."""
-HELD_OPENING = 0.002
-"""Metres between the pads from which something is between them."""
 
 
 class TwinArm:

@@ -17,8 +17,6 @@ STIFFNESS, DAMPING = 0.9, 1.0
 """Gains of the joints, in the engine's terms."""
 TORQUES = (150.0, 150.0, 150.0, 28.0, 28.0, 28.0)
 """Newton metres that the joints can give (UR5e)."""
-FOLLOWING = 60
-"""Physics steps that the joints are given to come to rest at the end of a motion."""
 
 
 class JointedArm:

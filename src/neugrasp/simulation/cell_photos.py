@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
@@ -14,8 +12,8 @@ from numpy.typing import NDArray
 from PIL import Image as Picture
 
 from neugrasp.data.scene_folder import read_image
+from neugrasp.data.whole_or_nothing import whole_folder
 from neugrasp.data.world import Cell, Scene, camera_to_dict
-from neugrasp.errors import NeuGraspError
 from neugrasp.simulation.objects import ObjectLibrary
 
 Photos = NDArray[np.uint8]
@@ -36,35 +34,17 @@ def backgrounds(cell: Cell, folder: Path, scene_renderer: SceneRenderer, library
     """The empty table from every camera of the cell: read from `folder`, or rendered into it."""
     if not folder.is_dir():
         photos = scene_renderer.render(cell, None, library, range(len(cell.cameras)))
-        try:
-            _write(folder, cell, photos)
-        except OSError as error:
-            raise NeuGraspError(f"{folder}: cannot be written ({error.strerror})") from error
+        _write(folder, cell, photos)
     files = [folder / f"{index}.png" for index in range(len(cell.cameras))]
     return np.stack([read_image(file, f"cell {folder.name}") for file in files])
 
 
 def _write(folder: Path, cell: Cell, photos: Sequence[NDArray[np.uint8]]) -> None:
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    temporary = Path(tempfile.mkdtemp(prefix=f".tmp-{folder.name}-", dir=folder.parent))
-    try:
-        temporary.chmod(0o755)
+    """Another worker may have been first; its photos are the same, and stay."""
+    with whole_folder(folder) as part:
         for index, photo in enumerate(photos):
-            Picture.fromarray(photo).save(temporary / f"{index}.png")
+            Picture.fromarray(photo).save(part / f"{index}.png")
         cameras = [camera_to_dict(camera) for camera in cell.cameras]
         drawn = {"seed": cell.seed, "num_inputs": cell.num_inputs, "light": cell.light, "table": cell.table}
-        (temporary / "cell.json").write_text(
-            json.dumps({**drawn, "cameras": cameras}, indent=1) + "\n", encoding="utf-8"
-        )
-        _rename(temporary, folder)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-
-
-def _rename(temporary: Path, folder: Path) -> None:
-    """Another worker may have been first; its photos are the same."""
-    try:
-        temporary.rename(folder)
-    except OSError:
-        if not folder.is_dir():
-            raise
+        content = json.dumps({**drawn, "cameras": cameras}, indent=1) + "\n"
+        (part / "cell.json").write_text(content, encoding="utf-8")

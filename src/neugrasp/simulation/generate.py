@@ -63,7 +63,7 @@ def generate(config: Generate, make_scene_renderer: MakeSceneRenderer | None = N
         missing = [index for index, folder in enumerate(folders) if not folder.is_dir()]
         progress = _Progress(total=config.num, done=config.num - len(missing))
         if missing:
-            opener = partial(_studio, config, scene_renderer)
+            opener = partial(_generator, config, scene_renderer)
             with _at_work(config, missing, opener, progress) as made:
                 for seconds in made:
                     progress.add(seconds)
@@ -89,7 +89,7 @@ def _generate_into(
     missing = [index for index, name in enumerate(names) if name not in there]
     progress = _Progress(total=config.num, done=config.num - len(missing))
     if missing:
-        opener = partial(_travelling_studio, config, make_scene_renderer)
+        opener = partial(_travelling_generator, config, make_scene_renderer)
         with _at_work(config, missing, opener, progress) as made:
             for index, files, seconds in made:
                 folder = f"scenes/{names[index]}"
@@ -230,51 +230,51 @@ def _at_work(
 
 
 @contextmanager
-def _studio(
+def _generator(
     config: Generate, make_scene_renderer: MakeSceneRenderer, threads: int
 ) -> Iterator[Callable[[int], dict[str, float]]]:
     """What makes the scene of a number; the seconds it took by stage."""
     with (config.out / ".lock-workers").open("w", encoding="utf-8") as file:
         lock(file, shared=True, waits=True)
-        with _opened_studio(config, make_scene_renderer, threads) as studio:
-            yield partial(_make, studio)
+        with _opened_generator(config, make_scene_renderer, threads) as generator:
+            yield partial(_make, generator)
 
 
 @contextmanager
-def _travelling_studio(
+def _travelling_generator(
     config: Generate, make_scene_renderer: MakeSceneRenderer, threads: int
 ) -> Iterator[Callable[[int], tuple[int, dict[str, bytes], dict[str, float]]]]:
     """What makes the scene of a number: the number, the files, and the seconds by stage."""
     with tempfile.TemporaryDirectory(prefix="neugrasp-") as folder:
         own = replace(config, out=Path(folder))
-        with _opened_studio(own, make_scene_renderer, threads) as studio:
-            yield partial(_packed, studio)
+        with _opened_generator(own, make_scene_renderer, threads) as generator:
+            yield partial(_packed, generator)
 
 
 @contextmanager
-def _opened_studio(
+def _opened_generator(
     config: Generate, make_scene_renderer: MakeSceneRenderer, threads: int
 ) -> Iterator[SceneGenerator]:
     with make_scene_renderer(threads) as scene_renderer:
-        studio = SceneGenerator(config, scene_renderer)
-        with studio.world:
-            yield studio
+        generator = SceneGenerator(config, scene_renderer)
+        with generator.world:
+            yield generator
 
 
-def _packed(studio: SceneGenerator, index: int) -> tuple[int, dict[str, bytes], dict[str, float]]:
+def _packed(generator: SceneGenerator, index: int) -> tuple[int, dict[str, bytes], dict[str, float]]:
     """Makes a scene and takes it along."""
-    seconds = _make(studio, index)
-    folder = studio.config.out / "scenes" / studio.config.record_name(index)
+    seconds = _make(generator, index)
+    folder = generator.config.out / "scenes" / generator.config.record_name(index)
     files = {str(f.relative_to(folder)): f.read_bytes() for f in sorted(folder.rglob("*")) if f.is_file()}
     shutil.rmtree(folder)
     return index, files, seconds
 
 
-def _make(studio: SceneGenerator, index: int) -> dict[str, float]:
+def _make(generator: SceneGenerator, index: int) -> dict[str, float]:
     """Makes a scene; the seconds it took by stage."""
-    before = dict(studio.seconds)
-    studio.make(index)
-    return {stage: spent - before.get(stage, 0.0) for stage, spent in studio.seconds.items()}
+    before = dict(generator.seconds)
+    generator.make(index)
+    return {stage: spent - before.get(stage, 0.0) for stage, spent in generator.seconds.items()}
 
 
 def _groups(config: Generate, missing: list[int], workers: int) -> list[list[int]]:

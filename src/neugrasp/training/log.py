@@ -11,6 +11,7 @@ from typing import Any, Protocol
 from neugrasp.data.fields import Fields
 from neugrasp.data.strict_json import parse_json
 from neugrasp.errors import InputError
+from neugrasp.output import write_text
 
 
 class Logger(Protocol):
@@ -82,9 +83,7 @@ class JsonLines:
             with suppress(InputError):
                 Fields(name, parse_json(line, name, judges_values=False)).whole("step", 0, start - 1)
                 kept.append(line)
-        temporary = self.path.with_suffix(".tmp")
-        temporary.write_text("".join(line + "\n" for line in kept), encoding="utf-8")
-        temporary.replace(self.path)
+        write_text(self.path, "".join(line + "\n" for line in kept))
 
 
 class TensorBoard:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ from torch.optim.swa_utils import AveragedModel
 from neugrasp.data.fields import Fields
 from neugrasp.data.strict_json import parse_json
 from neugrasp.errors import InputError
+from neugrasp.output import whole_file
 from neugrasp.training.config import Optimiser
 
 if TYPE_CHECKING:
@@ -114,16 +114,10 @@ def save_state(folder: Path, learner: TrainState[Any], step: int, identity: Iden
         for key, value in moments.items():
             tensors[f"adam.{key}.{names[id(parameter)]}"] = torch.as_tensor(value)
     metadata = {"step": str(step), "identity": json.dumps(identity.facts(), sort_keys=True)}
-    temporary = folder / f".{STATE}.{os.getpid()}"
-    try:
+    with whole_file(folder / STATE) as part:
         save_file(
-            {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()},
-            temporary,
-            metadata,
+            {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}, part, metadata
         )
-        temporary.replace(folder / STATE)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 @dataclass(frozen=True)
