@@ -162,9 +162,9 @@ def test_two_workers_give_the_same_bytes(
 def test_the_order_of_scenes_makes_no_difference(
     undisturbed: Path, tmp_path: Path, photographers: ModuleType
 ) -> None:
-    studio = SceneGenerator(small(tmp_path), photographers.NoiseRenderer(1))
-    with studio.world:
-        folders = [studio.make(index) for index in (2, 0)]
+    generator = SceneGenerator(small(tmp_path), photographers.NoiseRenderer(1))
+    with generator.world:
+        folders = [generator.make(index) for index in (2, 0)]
     expected = digest(undisturbed)
     for folder in folders:
         made = digest(folder)
@@ -405,7 +405,7 @@ def test_a_full_disk_is_one_clear_error_and_leaves_nothing_half_written(
 def test_an_arrangement_that_fails_is_drawn_anew_and_never_dropped(
     tmp_path: Path, photographers: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from neugrasp.simulation import studio as module
+    from neugrasp.simulation import scene_generator as module
 
     real, tried = module.arrange, []
 
