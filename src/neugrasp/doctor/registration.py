@@ -14,6 +14,8 @@ FINE, BROAD = 1.0, 5.0
 STEPS = 12
 FLOOR = 0.1 / 255
 """Smallest spread of residuals: the noise of rounding to 8 bits, blurred."""
+UNQUESTIONED, NEAR = 0.95, 1.0
+"""Agreement from which on, and pixels up to which, no other shift is looked for."""
 TUKEY = 4.685
 """Residuals beyond so many standard deviations do not count."""
 
@@ -45,8 +47,12 @@ def shift_between(first: Array, second: Array, largest: float = 0.2) -> Shift:
 
 def shift_of_textures(first: Array, second: Array, largest: float = 0.2) -> Shift:
     """The same of two pictures as `texture` gives them."""
-    starts = {(0.0, 0.0), _phase_correlation(first, second, largest)}
-    return max((_refined(first, second, start) for start in starts), key=lambda shift: shift.agreement)
+    here = _refined(first, second, (0.0, 0.0))
+    # On a regular pattern there are others, a period away; the nearest one is meant.
+    if here.agreement >= UNQUESTIONED and here.length < NEAR:
+        return here
+    start = _phase_correlation(first, second, largest)
+    return max(here, _refined(first, second, start), key=lambda shift: shift.agreement)
 
 
 def texture(picture: Array) -> Array:
