@@ -122,7 +122,7 @@ class Service:
         """
         watch = Stopwatch()
         seen = await self._read(lambda: self._seen(scene, images, steering, watch))
-        # The doctor's look takes a sixth of a detection: they go side by side.
+        # The doctor's look takes a tenth of a detection: they go side by side.
         looking = asyncio.ensure_future(self._read(lambda: self._look(seen, wanted, visit, watch)))
         looking.add_done_callback(lambda look: look.cancelled() or look.exception())
         try:
