@@ -82,10 +82,13 @@ class Hunt:
     def until(self, kills: int) -> None:
         """Returns when so many were killed and all scenes are made."""
         begun, made_before = time.monotonic(), 0
-        while (count := sum(self.killed.values())) < kills or self.driver.poll() != 0:
+        while True:
             time.sleep(LOOK_EVERY_S)
-            if self.driver.poll() is not None:
-                self.scenes += MORE * (self.driver.returncode == 0)
+            count, ended = sum(self.killed.values()), self.driver.poll()
+            if ended == 0 and count == kills:
+                return
+            if ended is not None:
+                self.scenes += MORE * (ended == 0)
                 self.driver = self.started()
             # A kill follows on a scene: else a slow machine would see nothing but workers that start.
             if count == kills or self.made() == made_before:

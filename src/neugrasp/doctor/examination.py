@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -65,15 +66,31 @@ def examine(capture: Capture) -> Diagnosis:
     return _examine(Reading(capture, ()))
 
 
-def examine_read(views: Views, thoroughly: bool = False, tags: Sequence[Finding] | None = None) -> Diagnosis:
+def examine_read(
+    views: Views,
+    thoroughly: bool = False,
+    tags: Sequence[Finding] | None = None,
+    table: Finding | None = None,
+) -> Diagnosis:
     """Of a scene as `read_scene` gave it, with what its files say: `tags`, by default read from them.
 
     By default by what costs next to nothing and decides: conventions, units, intrinsics, coverage, what
     photos say of themselves (rotation, focal length), backgrounds of other views or places, photos in which
-    nothing is to be seen, light that changed much, and whether the photos agree about the table.
+    nothing is to be seen, light that changed much, and whether the photos agree about the table. The last is
+    known before where cameras and backgrounds stay: `table`, as `known_table` gave it.
     """
     reading = Reading(Capture.of(views), tuple(tags_of(views) if tags is None else tags))
-    return _examine(reading, _look if thoroughly else _glance)
+    return _examine(reading, _look if thoroughly else partial(_glance, given=reading.capture, table=table))
+
+
+def known_table(empty: Views) -> Finding | None:
+    """What the quick look says of the table that the backgrounds of a scene show, by backgrounds and cameras
+    alone; None where it would mend the cameras."""
+    capture = Capture.of(empty)
+    if check_convention(capture)[0] is not capture or not is_examinable(empty):
+        return None
+    mended, findings = check_table_quickly(capture)
+    return findings[0] if mended is capture and len(findings) == 1 else None
 
 
 def _examine(reading: Reading, look: Look | None = None) -> Diagnosis:
@@ -113,8 +130,11 @@ def _look(capture: Capture) -> tuple[Capture, list[Finding]]:
     return capture, [*findings, *check_brightness(crops)]
 
 
-def _glance(capture: Capture) -> tuple[Capture, list[Finding]]:
-    """The checks that are quick and decide; of the light, what makes grasps fail."""
+def _glance(
+    capture: Capture, given: Capture | None = None, table: Finding | None = None
+) -> tuple[Capture, list[Finding]]:
+    """The checks that are quick and decide; of the light, what makes grasps fail. What is known of the
+    `table` holds while nothing of the capture that was `given` was mended."""
     capture, findings = check_intrinsics(capture)
     crops = table_crops(capture.views, GLANCE_SIZE)
     mended, pairs = check_pairs_quickly(capture, crops)
@@ -124,7 +144,8 @@ def _glance(capture: Capture) -> tuple[Capture, list[Finding]]:
     if any(finding.problem is SAME_PHOTO for finding in pairs):
         return capture, findings
     if not (wrong := {i for finding in pairs if finding.level == Level.RED for i in finding.views}):
-        capture, found = check_table_quickly(capture)
+        is_known = table is not None and capture is given
+        capture, found = (capture, [table]) if is_known else check_table_quickly(capture)
         findings += found
     light = [*check_brightness(crops), *check_light([s for s in crops if s.index not in wrong] or crops)]
     red = [finding for finding in light if finding.level == Level.RED]

@@ -14,6 +14,7 @@ from neugrasp.data.photo_files import Photo, image_size, photo_tags, read_image
 from neugrasp.data.scene_folder import FILE, STRAIGHT, VIEW_KEYS, camera_of, checked_head, workspace_of
 from neugrasp.data.strict_json import parse_json
 from neugrasp.detection.options import Box, Cone, Steering
+from neugrasp.doctor.findings import Finding
 from neugrasp.doctor.photo_tags import Told
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import Workspace
@@ -33,6 +34,8 @@ class Cell:
     """With cameras and backgrounds."""
     told: tuple[Told, ...]
     """What the backgrounds say of themselves."""
+    table: Finding | None = None
+    """The doctor's word on the table, where it is known before there are photos."""
 
     def empty(self) -> Views:
         """The cell as it looks without objects."""
@@ -46,6 +49,8 @@ class Seen:
 
     views: Views
     told: tuple[Told, ...]
+    table: Finding | None = None
+    """As of the cell."""
 
 
 def cell_of(scene: bytes, backgrounds: Sequence[Photo], most_pixels: int) -> Cell:
@@ -92,7 +97,7 @@ def seen_at(cell: Cell, images: Sequence[Photo], most_pixels: int) -> Seen:
             )
         views.append(View(frame.camera, image, background, name=photo.name))
         told.append(Told(photo.name, photo_tags(photo, where), frame.camera))
-    return Seen(Views(tuple(views), cell.workspace), tuple(told))
+    return Seen(Views(tuple(views), cell.workspace), tuple(told), cell.table)
 
 
 def steering_of(text: str, mask: Path | None = None) -> Steering:

@@ -16,7 +16,7 @@ from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.detection.options import DetectorOptions, Steering
 from neugrasp.detection.registry import photo_detector
 from neugrasp.detection.steering import check_mask, steered
-from neugrasp.doctor.examination import Diagnosis, examine_read
+from neugrasp.doctor.examination import Diagnosis, examine_read, known_table
 from neugrasp.doctor.findings import Level
 from neugrasp.doctor.photo_tags import findings_of
 from neugrasp.errors import InputError
@@ -94,6 +94,7 @@ class Service:
             )
         cell = await self._read(lambda: cell_of(scene, backgrounds, self._most_pixels))
         empty = cell.empty()
+        cell = replace(cell, table=await self._read(lambda: known_table(empty)))
         await self.workers.everywhere(
             lambda detector: detector.remember(empty) if isinstance(detector, NeuGraspDetector) else None
         )
@@ -153,7 +154,7 @@ class Service:
     def _look(self, seen: Seen, wanted: Wanted, visit: Visit, watch: Stopwatch) -> Diagnosis:
         """The doctor's. Raises `Red`."""
         with watch.stage("examine"):
-            diagnosis = examine_read(seen.views, tags=findings_of(seen.told))
+            diagnosis = examine_read(seen.views, tags=findings_of(seen.told), table=seen.table)
         self.meters.judged(diagnosis.level.word)
         visit.facts["doctor"] = diagnosis.level.word
         if diagnosis.level == Level.RED and not wanted.force:
