@@ -22,13 +22,17 @@ from neugrasp.doctor.fix import write_fixed
 from neugrasp.doctor.messages import (
     POSES_UNCHECKED,
     ROTATION_TAG,
+    SCALE_UNCHECKED,
     SILHOUETTES,
     SWAPPED,
     TABLE_HEIGHT,
 )
 from neugrasp.errors import InputError
+from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import rigid
 from neugrasp.observation import View, Views
+
+SCALE = "scale unchecked: photos look the same at any scale"
 
 
 @pytest.fixture(scope="module")
@@ -46,14 +50,33 @@ def problems_of(diagnosis: Diagnosis, level: Level) -> set[str]:
 def test_a_plain_table_is_green_but_its_poses_are_unchecked(plain: Views, good: Views):
     diagnosis = examine(Capture.of(plain))
     assert diagnosis.level == Level.GREEN, diagnosis.lines(Level.YELLOW)
-    unseen = "poses that are 4 degrees wrong, with which most grasps fail, may go unseen"
-    assert diagnosis.verdict == f"green, but poses unchecked: too little texture on the table; {unseen}"
-    assert problems_of(diagnosis, Level.GREY) == {POSES_UNCHECKED.name}
-    assert examine(Capture.of(good)).verdict == "green"
-    one = replace(good, frames=good.frames[:1])
-    assert examine(Capture.of(one)).verdict.endswith(
-        f"poses unchecked: fewer than two views to compare; {unseen}"
-    )
+    unseen = "and focal lengths that are twice too long, with which most grasps fail, may go unseen"
+    poses = "green, but poses unchecked: too little texture on the table; poses that are 4 degrees wrong"
+    assert diagnosis.verdict == f"{poses}, {unseen}; {SCALE}"
+    assert problems_of(diagnosis, Level.GREY) == {POSES_UNCHECKED.name, SCALE_UNCHECKED.name}
+    one = examine(Capture.of(replace(good, frames=good.frames[:1]))).verdict
+    assert "poses unchecked: fewer than two views to compare" in one
+    assert one.endswith(f"{unseen}; {SCALE}")
+
+
+def test_nothing_in_photos_tells_the_scale_and_the_verdict_says_so(good: Views):
+    """A world of 105 %: the same photos, the same findings."""
+    larger = tuple(replace(view, camera=_grown(view.camera)) for view in good.frames)
+    place = rigid(good.workspace.world_from_workspace[:3, :3], _corner(good))
+    grown = Views(larger, replace(good.workspace, world_from_workspace=place))
+    for views in (good, grown):
+        assert examine(Capture.of(views)).verdict == f"green, but {SCALE}"
+
+
+def _grown(camera: Camera) -> Camera:
+    pose = camera.world_from_camera
+    return replace(camera, world_from_camera=rigid(pose[:3, :3], 1.05 * pose[:3, 3]))
+
+
+def _corner(views: Views) -> np.ndarray:
+    """Of the cube, so that the middle of the table stays that of the world's larger table."""
+    cube = views.workspace
+    return cube.world_from_workspace[:3, 3] + 0.05 * cube.to_world(cube.centre)
 
 
 def test_silhouettes_tell_wrong_poses_on_a_plain_table_and_keep_quiet_about_good_ones(plain: Views):

@@ -17,7 +17,7 @@ from neugrasp.doctor.light_checks import check_brightness, check_light, check_sh
 from neugrasp.doctor.messages import BACKGROUND_DIFFERS, MIRRORED, SAME_PHOTO, SHIFTED
 from neugrasp.doctor.pair_checks import check_pairs, check_pairs_quickly
 from neugrasp.doctor.silhouettes import check_silhouettes
-from neugrasp.doctor.table_checks import check_table, check_table_quickly
+from neugrasp.doctor.table_checks import check_scale, check_table, check_table_quickly
 from neugrasp.doctor.table_crop import GLANCE_SIZE, table_crops
 from neugrasp.observation import Views
 
@@ -114,7 +114,7 @@ def _look(capture: Capture) -> tuple[Capture, list[Finding]]:
         findings += found
     wrong = {i for f in findings if f.problem in MISPLACED and f.level == Level.RED for i in f.views}
     mended, found = check_table(capture, without=wrong)
-    findings += found
+    findings += [*found, check_scale()]
     if worst(found) == Level.GREEN or mended is not capture:
         findings.append(check_empty_table(mended.views, without=wrong))
     capture = mended

@@ -155,6 +155,13 @@ POSES_UNCHECKED = Problem(
     "plain one, errors of the poses are seen from silhouettes only, when grasps are far off already.",
     "Lay a patterned sheet or the board on the table once, take the backgrounds and run the doctor again",
 )
+SCALE_UNCHECKED = Problem(
+    "Scale unchecked",
+    "A world that is larger by a factor, seen from as many times further away, looks the same: where all "
+    "poses and the cube's place are off by 5 %, as after a print that is not in its true size, so are "
+    "grasps, by 5 % of their distance from the world's origin.",
+    "Measure once: what is 30 cm long on the table must be as long as the cube's edge in the report's photos",
+)
 SILHOUETTES = Problem(
     "The silhouettes contradict each other",
     "What changed in one photo would have to stand where another photo shows the empty table: poses, "

@@ -11,7 +11,7 @@ import numpy as np
 
 from neugrasp.data.photo_files import OTHER_FOCAL, Tags, photo_tags
 from neugrasp.data.scene_folder import photo_of
-from neugrasp.doctor.findings import Finding, Level
+from neugrasp.doctor.findings import Finding, Level, green
 from neugrasp.doctor.messages import OTHER_LENS, ROTATION_TAG
 from neugrasp.geometry.camera import Camera
 from neugrasp.observation import View
@@ -77,4 +77,4 @@ def _other_lens(factors: dict[str, float], lengths: dict[str, float]) -> list[Fi
             "focal lengths in scene.json are not as far apart"
         )
         return [Finding("focal length", Level.YELLOW, text, OTHER_LENS)]
-    return []
+    return [green("focal length", f"{factors[farthest]:.2f} times that of scene.json by EXIF tags, at most")]

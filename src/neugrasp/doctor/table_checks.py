@@ -10,7 +10,13 @@ import numpy as np
 from neugrasp.doctor.capture import Capture
 from neugrasp.doctor.findings import Finding, Level, Limits, green, not_measured
 from neugrasp.doctor.hypotheses import Evidence, hypotheses
-from neugrasp.doctor.messages import POSES_UNCHECKED, TABLE_HEIGHT, TABLE_OFFSET, TABLE_TILTED
+from neugrasp.doctor.messages import (
+    POSES_UNCHECKED,
+    SCALE_UNCHECKED,
+    TABLE_HEIGHT,
+    TABLE_OFFSET,
+    TABLE_TILTED,
+)
 from neugrasp.doctor.table import (
     RELIABLE,
     Agreement,
@@ -33,7 +39,10 @@ OFFSET = Limits(0.003, 0.015)
 glass and steel (docs/capture.md), nearly all hold up to 11 mm, four of five at 20, two of five at 40."""
 FAR = 0.02
 """Metres beyond which a shift is not believed of tables that agree unshifted."""
-UNSEEN = "poses that are 4 degrees wrong, with which most grasps fail, may go unseen"
+UNSEEN = (
+    "poses that are 4 degrees wrong, and focal lengths that are twice too long, with which most grasps fail, "
+    "may go unseen"
+)
 """Of plain tables and single views (docs/capture.md)."""
 HOPELESS = 0.2
 """Correlation below which the cameras have nothing to do with the photos."""
@@ -73,6 +82,11 @@ def check_table(capture: Capture, without: Collection[int] = ()) -> tuple[Captur
     finding = Finding("table", level, text, best.problem, best.views)
     is_certain = best.mended is not None and best.agreement >= CERTAIN
     return best.mended if is_certain and best.mended else capture, [finding]
+
+
+def check_scale() -> Finding:
+    """What no photo tells."""
+    return not_measured("scale", "photos look the same at any scale", SCALE_UNCHECKED)
 
 
 def check_table_quickly(capture: Capture) -> tuple[Capture, list[Finding]]:

@@ -54,7 +54,13 @@ logger = logging.getLogger(__name__)
 def read_robot(file: Path) -> list[Listed]:
     """world_from_camera = base_from_flange @ flange_from_camera for every view. Raises `InputError`."""
     data, rows = flange_views(file)
-    pose_of(data.get("flange_from_camera"), f"{file}: flange_from_camera")
+    hand_eye = pose_of(data.get("flange_from_camera"), f"{file}: flange_from_camera")
+    if np.allclose(hand_eye, np.eye(4), atol=1e-6):
+        logger.warning(
+            "%s: flange_from_camera is the identity, which is right only where base_from_flange holds "
+            "poses of the camera itself; `neugrasp calibrate` finds it",
+            file,
+        )
     return [_listed(data, entry, where) for entry, where in rows]
 
 
