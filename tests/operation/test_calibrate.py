@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -11,6 +13,7 @@ import pytest
 
 from board_capture import CAMERA, write_board_photos
 from neugrasp.errors import InputError
+from neugrasp.geometry.pose import rigid
 from neugrasp.operation.calibrate import run, sightings_of
 from neugrasp.operation.command import Calibrate
 
@@ -58,3 +61,47 @@ def test_what_is_wrong_with_the_poses_is_said(capture: Path, change: dict[str, o
     file.write_text(json.dumps({**data, **change}))
     with pytest.raises(InputError, match=words):
         sightings_of(Calibrate(file))
+
+
+Change = Callable[[list[np.ndarray]], list[np.ndarray]]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda poses: [np.diag([1000.0, 1000, 1000, 1]) @ pose for pose in poses], "looks like millimetres"),
+        (lambda poses: [*poses[1:], poses[0]], "in the same order|spreads by [1-9][0-9]"),
+        (lambda poses: [poses[0]] * len(poses), "hardly turns"),
+        (
+            lambda poses: [np.linalg.inv(pose) for pose in poses],
+            "looks like flange_from_base: write the inverse",
+        ),
+    ],
+    ids=["millimetres", "of the photo before", "all alike", "inverted"],
+)
+def test_poses_that_are_not_those_of_the_photos_are_told(capture: Path, change: Change, words: str):
+    data = json.loads((capture / "robot.json").read_text())
+    poses = change([np.array(view["base_from_flange"]) for view in data["views"]])
+    for view, pose in zip(data["views"], poses, strict=True):
+        turn, place = pose[:3, :3] / np.linalg.norm(pose[:3, 0]), pose[:3, 3]
+        view["base_from_flange"] = rigid(turn, place).tolist()
+    file = capture / "changed.json"
+    file.write_text(json.dumps(data))
+    assert re.search(words, told(file))
+
+
+def told(file: Path) -> str:
+    """What is weak, or why there is nothing."""
+    try:
+        said = run(Calibrate(file))
+    except InputError as error:
+        return str(error)
+    return said.text if said.exit_code else ""
+
+
+def test_one_photo_for_all_poses_is_no_calibration(capture: Path):
+    data = json.loads((capture / "robot.json").read_text())
+    file = capture / "one.json"
+    file.write_text(json.dumps({**data, "views": [{**view, "image": "0.png"} for view in data["views"]]}))
+    with pytest.raises(InputError, match="no pose of the camera fits the photos at all"):
+        run(Calibrate(file))

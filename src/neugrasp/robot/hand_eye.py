@@ -9,7 +9,7 @@ it, in pixels, which is what is measured.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -25,6 +25,8 @@ GOOD_MM, GOOD_PX = 2.5, 0.002
 """Millimetres of spread, and pixels as a part of the focal length, up to which a calibration is good."""
 SURE_MM, SURE_DEG = 1.0, 0.2
 """Standard deviations of the result that a good calibration stays below."""
+FARTHEST = 10.0
+"""Metres that a flange may move between photos."""
 ACROSS = 4
 """Points along each edge of the board that stand for it."""
 SOLVERS = ("TSAI", "PARK", "HORAUD", "ANDREFF", "DANIILIDIS")
@@ -73,13 +75,29 @@ def calibrated(seen: Sightings) -> HandEye:
     OpenCV."""
     if len(seen) < FEWEST:
         raise InputError(f"the board is known in {len(seen)} photos; a hand-eye calibration needs {FEWEST}")
+    span = float(np.ptp(seen.base_from_flange[:, :3, 3], axis=0).max())
+    if span > FARTHEST:
+        raise InputError(f"base_from_flange moves by {span:.4g} m, which looks like millimetres; give metres")
     turns = [_turn(seen.base_from_flange[0], pose) for pose in seen.base_from_flange[1:]]
     if max(turns) < np.deg2rad(10):
         raise InputError("the flange hardly turns between the photos; tilt the camera by 20 degrees and more")
     closed = _closed_forms(seen)
     spreads = {name: _spread_mm(seen, pose) for name, pose in closed.items()}
     best = min(spreads, key=lambda name: spreads[name])
-    return _refined(seen, closed[best], spreads)
+    found = _refined(seen, closed[best], spreads)
+    if found.spread_mm > GOOD_MM and _fits_inverted(seen, found.spread_mm):
+        hint = "base_from_flange looks like flange_from_base: write the inverse"
+        return replace(found, problems=(hint, *found.problems))
+    return found
+
+
+def _fits_inverted(seen: Sightings, spread_mm: float) -> bool:
+    """Whether the photos agree far better about the board if the flange's poses are inverted."""
+    turned = replace(seen, base_from_flange=inverses(seen.base_from_flange))
+    try:
+        return min(_spread_mm(turned, pose) for pose in _closed_forms(turned).values()) < spread_mm / 4
+    except InputError:
+        return False
 
 
 def _turn(one: Array, other: Array) -> float:
@@ -93,13 +111,21 @@ def _closed_forms(seen: Sightings) -> dict[str, Array]:
     found = {}
     for name in SOLVERS:
         method = getattr(cv2, f"CALIB_HAND_EYE_{name}")
-        turn, shift = cv2.calibrateHandEye(
-            flange[:, :3, :3], flange[:, :3, 3], board[:, :3, :3], board[:, :3, 3], method=method
-        )
+        try:
+            turn, shift = cv2.calibrateHandEye(
+                flange[:, :3, :3], flange[:, :3, 3], board[:, :3, :3], board[:, :3, 3], method=method
+            )
+        except cv2.error:
+            continue
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = turn, shift.ravel()
         if np.all(np.isfinite(pose)):
             found[name] = pose
+    if not found:
+        raise InputError(
+            "no pose of the camera fits the photos at all; does each photo have its own pose, in the "
+            "same order?"
+        )
     return found
 
 
