@@ -45,6 +45,10 @@ def aimed_grasps(evaluation: Path, objects: Path | None = None) -> list[Aimed]:
     workspace = workspace_of(facts_of(evaluation))
     with World(workspace, library_of(evaluation, objects)) as world:
         attempts = [attempt for episode in played(evaluation) for attempt in episode.attempts]
+        if not attempts:
+            raise InputError(
+                f"{evaluation}: nothing was grasped in it yet; `neugrasp evaluate` goes on with it"
+            )
         return [_aimed(world, attempt, evaluation) for attempt in counted(attempts, "attempts")]
 
 

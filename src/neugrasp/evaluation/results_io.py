@@ -62,4 +62,5 @@ def library_of(folder: Path, objects: Path | None) -> ObjectLibrary:
 
 def scene_of(lying: dict[str, Any]) -> Scene:
     """What lay on the table at a moment of a round (`Attempt.before`, `Episode.left`)."""
-    return scene_from_json(json.dumps({"format": "neugrasp-world", "version": 1, **lying}))
+    content = json.dumps({"format": "neugrasp-world", "version": 1, **lying})
+    return scene_from_json(content, "what a round says of its table")
