@@ -138,8 +138,9 @@ def test_a_mask_is_drawn_in_one_of_the_photos(tmp_path: Path, small_views: Views
             "all of it is",
         ),
         (np.zeros((36, 64), np.uint8), "nothing in it is brighter"),
+        (np.tile(np.linspace(0, 255, 64).astype(np.uint8), (36, 1)), "75 % of it are grey, as of a photo"),
     ],
-    ids=["0 and 1", "transparent", "black"],
+    ids=["0 and 1", "transparent", "black", "a photo"],
 )
 def test_a_mask_that_says_nothing_is_refused(
     tmp_path: Path, small_views: Views, value: np.ndarray, message: str

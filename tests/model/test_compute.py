@@ -21,6 +21,7 @@ def test_precision_is_that_of_products():
     ("device", "precision", "words"),
     [
         ("tpu", "float32", "--device tpu: PyTorch knows no such device"),
+        ("meta", "float32", "--device meta: nothing can be computed there; try cpu or cuda"),
         ("cpu", "float8", "--precision float8: choose one of float32, bfloat16"),
     ],
 )

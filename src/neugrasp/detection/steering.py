@@ -20,6 +20,10 @@ from neugrasp.observation import Views
 logger = logging.getLogger(__name__)
 
 
+MOST_GREY = 0.25
+"""Share of a mask that may be neither black nor white, such as soft edges."""
+
+
 def steered(detection: Detection, steering: Steering, views: Views | None = None) -> Detection:
     """The detection with the wanted grasps alone, the others counted by reason.
 
@@ -93,7 +97,8 @@ def _masked(steering: Steering, views: Views | None) -> Callable[[Grasp], bool]:
     if views is None or not 0 <= number < len(views):
         count = 0 if views is None else len(views)
         raise InputError(f"--mask {number} {file}: there are views 0 to {count - 1}")
-    bright, camera = read_image(file, "--mask").max(axis=2) > 127, views.frames[number].camera
+    values, camera = read_image(file, "--mask").max(axis=2), views.frames[number].camera
+    bright = values > 127
     if bright.shape != (camera.height, camera.width):
         raise InputError(
             f"--mask {number} {file}: {bright.shape[1]} x {bright.shape[0]} pixels; photo {number} has "
@@ -105,6 +110,11 @@ def _masked(steering: Steering, views: Views | None) -> Callable[[Grasp], bool]:
         raise InputError(
             f"--mask {number} {file}: {what} brighter than half; what is wanted must be white (255, not 1) "
             "and the rest black, without transparency"
+        )
+    if (grey := float(np.mean((values > 31) & (values < 224)))) > MOST_GREY:
+        raise InputError(
+            f"--mask {number} {file}: {100 * grey:.0f} % of it are grey, as of a photo; what is wanted must "
+            "be white and the rest black"
         )
 
     def is_masked(grasp: Grasp) -> bool:

@@ -41,6 +41,13 @@ class Compute:
                 f"--device {device}: PyTorch sees {seen} here; use --device cpu, or install a build of "
                 "PyTorch for it (pytorch.org)"
             )
+        if found.type not in ("cpu", *there):
+            try:
+                torch.zeros(1, device=found).cpu()
+            except (RuntimeError, AssertionError) as error:
+                raise InputError(
+                    f"--device {device}: nothing can be computed there; try cpu or cuda"
+                ) from error
         return cls(found, "bfloat16" if precision == "bfloat16" else "float32")
 
     def autocast(self) -> AbstractContextManager[object]:
