@@ -20,6 +20,7 @@ from neugrasp.doctor.examination import Diagnosis, examine, examine_read
 from neugrasp.doctor.findings import Level
 from neugrasp.doctor.fix import write_fixed
 from neugrasp.doctor.messages import (
+    EXCHANGED,
     POSES_UNCHECKED,
     ROTATION_TAG,
     SCALE_UNCHECKED,
@@ -30,6 +31,7 @@ from neugrasp.doctor.messages import (
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import rigid
+from neugrasp.geometry.workspace import Workspace
 from neugrasp.observation import View, Views
 
 SCALE = "scale unchecked: photos look the same at any scale"
@@ -190,3 +192,19 @@ def test_a_glance_reads_rotation_tags_and_sees_a_table_that_is_not_there(good: V
     assert problems_of(tagged, Level.YELLOW) == {ROTATION_TAG.name}
     raised = cube(lambda p: p @ rigid(translation=(0, 0, 0.05)))(read_scene(tmp_path / "scene"))
     assert TABLE_HEIGHT.name in problems_of(examine_read(raised), Level.RED)
+
+
+@pytest.mark.parametrize("radius", [0.012, 0.02])
+def test_one_exchanged_view_is_seen_at_first_sight_however_small_the_object(
+    radius: float, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(ray_traced, "BALL", (np.array([0.12, 0.16, 0.05 + radius]), radius))
+    cameras = [view.camera for view in good_capture(size=(240, 135)).frames]
+    rooms = [ray_traced.Room(objects=("ball",), seed=i) for i in range(len(cameras))]
+    right = tuple(map(ray_traced.view_of, cameras, rooms))
+    assert examine_read(Views(right, Workspace()), tags=()).verdict == "green"
+    for odd, view in enumerate(right):
+        turned = replace(view, image=view.background, background=view.image)
+        wrong = Views((*right[:odd], turned, *right[odd + 1 :]), Workspace())
+        found = examine_read(wrong, tags=())
+        assert [f.views for f in found.findings if f.problem is EXCHANGED] == [(odd,)], found.lines()

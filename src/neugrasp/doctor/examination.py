@@ -15,8 +15,9 @@ from neugrasp.doctor.empty_table import check_empty_table
 from neugrasp.doctor.findings import Finding, Level, verdict, worst
 from neugrasp.doctor.light_checks import check_brightness, check_light, check_sharpness
 from neugrasp.doctor.messages import BACKGROUND_DIFFERS, MIRRORED, SAME_PHOTO, SHIFTED
-from neugrasp.doctor.pair_checks import check_pairs, check_pairs_quickly
+from neugrasp.doctor.pair_checks import check_pairs, check_pairs_quickly, odd_ones, seems_exchanged
 from neugrasp.doctor.silhouettes import check_silhouettes
+from neugrasp.doctor.table import coarse_pictures
 from neugrasp.doctor.table_checks import check_scale, check_table, check_table_quickly
 from neugrasp.doctor.table_crop import GLANCE_SIZE, table_crops
 from neugrasp.observation import Views
@@ -85,12 +86,14 @@ def examine_read(
 
 def known_table(empty: Views) -> Finding | None:
     """What the quick look says of the table that the backgrounds of a scene show, by backgrounds and cameras
-    alone; None where it would mend the cameras."""
+    alone; None where it would mend the cameras, or where the photos must say whether one was exchanged."""
     capture = Capture.of(empty)
     if check_convention(capture)[0] is not capture or not is_examinable(empty):
         return None
-    mended, findings = check_table_quickly(capture)
-    return findings[0] if mended is capture and len(findings) == 1 else None
+    pictures = coarse_pictures(empty)
+    mended, findings = check_table_quickly(capture, pictures)
+    is_settled = mended is capture and len(findings) == 1 and not odd_ones(pictures)
+    return findings[0] if is_settled else None
 
 
 def _examine(reading: Reading, look: Look | None = None) -> Diagnosis:
@@ -130,6 +133,16 @@ def _look(capture: Capture) -> tuple[Capture, list[Finding]]:
     return capture, [*findings, *check_brightness(crops)]
 
 
+def _glance_at_table(capture: Capture) -> tuple[Capture, list[Finding]]:
+    """Whether the backgrounds agree about the table, and whether one of them is an image."""
+    pictures = coarse_pictures(capture.views)
+    capture, findings = check_table_quickly(capture, pictures)
+    if worst(findings) == Level.GREEN and seems_exchanged(capture.views, pictures):
+        capture, pairs = check_pairs(capture)
+        findings += [finding for finding in pairs if finding.level == Level.RED]
+    return capture, findings
+
+
 def _glance(
     capture: Capture, given: Capture | None = None, table: Finding | None = None
 ) -> tuple[Capture, list[Finding]]:
@@ -144,9 +157,11 @@ def _glance(
     if any(finding.problem is SAME_PHOTO for finding in pairs):
         return capture, findings
     if not (wrong := {i for finding in pairs if finding.level == Level.RED for i in finding.views}):
-        is_known = table is not None and capture is given
-        capture, found = (capture, [table]) if is_known else check_table_quickly(capture)
-        findings += found
+        if table is not None and capture is given:
+            findings.append(table)
+        else:
+            capture, found = _glance_at_table(capture)
+            findings += found
     light = [*check_brightness(crops), *check_light([s for s in crops if s.index not in wrong] or crops)]
     red = [finding for finding in light if finding.level == Level.RED]
     return capture, [*findings, *check_coverage(capture.views), *red]

@@ -19,12 +19,13 @@ from neugrasp.doctor.table import (
     TablePicture,
     coarse_pictures,
     comparable,
+    correlation,
     mean_correlation,
     table_pictures,
 )
 from neugrasp.doctor.table_crop import GLANCE_SIZE, NETWORK_SIZE, Plane, TableCrop, grey, table_crops
 from neugrasp.geometry.pose import Array
-from neugrasp.observation import Image, View
+from neugrasp.observation import Image, View, Views
 
 SHIFT = Limits(0.3, 1.5)
 """Pixels of the network's crop."""
@@ -65,6 +66,30 @@ def check_pairs(capture: Capture) -> tuple[Capture, list[Finding]]:
             findings.append(Finding(ITEM, Level.RED, text, EXCHANGED, named(some, len(capture.views))))
             capture = _turned(capture, some)
     return capture, findings
+
+
+def seems_exchanged(views: Views, pictures: Sequence[TablePicture]) -> bool:
+    """Whether objects stand in a background: one of the `coarse_pictures` is odd, and its own image agrees
+    better with the others."""
+    for odd, agreed in odd_ones(pictures).items():
+        view = views.frames[odd]
+        (image,) = coarse_pictures(replace(views, frames=(replace(view, background=view.image),)))
+        values = [correlation(image, pictures[other]) or 0.0 for other in agreed]
+        if np.mean(values) > np.mean(list(agreed.values())) + AGREED_MORE:
+            return True
+    return False
+
+
+def odd_ones(pictures: Sequence[TablePicture]) -> dict[int, dict[int, float]]:
+    """Of each picture that agrees less with the others than those do with each other: how much with which."""
+    agreed = {pair: correlation(*(pictures[i] for i in pair)) or 0.0 for pair in comparable(pictures)}
+    found = {}
+    for odd in range(len(pictures)):
+        with_it = {sum(pair) - odd: value for pair, value in agreed.items() if odd in pair}
+        others = [value for pair, value in agreed.items() if odd not in pair]
+        if with_it and max(with_it.values()) < min(others, default=1.0):
+            found[odd] = with_it
+    return found
 
 
 def _turned(capture: Capture, some: tuple[int, ...]) -> Capture:

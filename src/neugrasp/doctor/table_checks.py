@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,8 +20,8 @@ from neugrasp.doctor.messages import (
 from neugrasp.doctor.table import (
     RELIABLE,
     Agreement,
+    TablePicture,
     agreements,
-    coarse_pictures,
     comparable,
     correlation,
     table_pictures,
@@ -89,9 +89,8 @@ def check_scale() -> Finding:
     return not_measured("scale", "photos look the same at any scale", SCALE_UNCHECKED)
 
 
-def check_table_quickly(capture: Capture) -> tuple[Capture, list[Finding]]:
-    """As `check_table`, which is asked where a quick look leaves doubts only."""
-    pictures = coarse_pictures(capture.views)
+def check_table_quickly(capture: Capture, pictures: Sequence[TablePicture]) -> tuple[Capture, list[Finding]]:
+    """As `check_table`, which is asked where a look at `coarse_pictures` leaves doubts only."""
     values = [correlation(pictures[i], pictures[j]) or 0.0 for i, j in comparable(pictures)]
     if values and min(values) < AGREED_COARSELY:
         return check_table(capture)
