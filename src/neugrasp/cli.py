@@ -112,8 +112,8 @@ FIRST = ("demo", "doctor", "predict", "view", "import", "generate", "train", "ev
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command: 0, or 1 on the doctor's red, 2 on a mistake of the user, 130 when interrupted, 70 on
-    a mistake of ours."""
+    """Runs one command: 0, or 1 on a bad verdict (the doctor's red, a wrong cell, a weak calibration), 2 on a
+    mistake of the user, 130 when interrupted, 70 on a mistake of ours."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         voice = speak_plainly()

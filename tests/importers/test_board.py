@@ -250,6 +250,9 @@ def test_an_unknown_dictionary_is_named(tmp_path: Path):
         sheet(read_board(str(tmp_path / "board.json")), "a4")
     with pytest.raises(InputError, match="tag 999: DICT_APRILTAG_36h11 has tags 0 to 586"):
         sheet(Board(Tags((Tag(999, 0.05, (0.025, 0.025)),))), "a4")
+    blank, lens = np.zeros((48, 64, 3), np.uint8), Lens(np.diag([60.0, 60, 1]), 64, 48)
+    with pytest.raises(InputError, match="tag 999: DICT_APRILTAG_36h11 has tags 0 to 586"):
+        find_board(Board(Tags((Tag(999, 0.05, (0.025, 0.025)),))), blank, lens)
 
 
 @pytest.mark.parametrize("paper", ["a4", "letter", "a3"])

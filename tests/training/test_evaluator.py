@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -111,6 +112,10 @@ def test_stopped_and_resumed_equals_never_stopped(data, tmp_path):
         train_evaluator(replace(parts, resume=False))
     with pytest.raises(InputError, match="other values of batch"):
         train_evaluator(replace(parts, config=replace(TINY, batch=8)))
+    changed = shutil.copytree(data, tmp_path / "again" / data.name)
+    write_lesson(sorted(changed.glob("*.npz"))[0], lesson(99, count=41))
+    with pytest.raises(InputError, match="other values of data"):
+        train_evaluator(replace(parts, data=(changed,)))
 
 
 def test_it_learns_where_a_ball_is_held(data, tmp_path):

@@ -154,10 +154,14 @@ def _tags_picture(cv2: ModuleType, tags: Tags, width: int, height: int, dots_per
     return sheet
 
 
-def _check_printable(dictionary: Any, tags: Tags, tag: Tag) -> None:
+def _check_number(dictionary: Any, tags: Tags, tag: Tag) -> None:
     count = len(dictionary.bytesList)
     if not 0 <= tag.number < count:
         raise InputError(f"tag {tag.number}: {tags.dictionary} has tags 0 to {count - 1}")
+
+
+def _check_printable(dictionary: Any, tags: Tags, tag: Tag) -> None:
+    _check_number(dictionary, tags, tag)
     if tag.corners[:, :2].min() < -1e-9:
         raise InputError(
             f"tag {tag.number}: reaches past the lower left corner of the board, which is its origin"
@@ -256,6 +260,8 @@ def _misfit(cv2: ModuleType, board: Board, photo: Image, lens: Lens, error: floa
 def _tags_seen(cv2: ModuleType, tags: Tags, picture: np.ndarray) -> dict[int, Array]:
     """Corners (4, 2) of the board's tags, from the upper left of the upright tag on clockwise."""
     turns = _quarter_turns(cv2, tags)
+    for tag in tags.tags:
+        _check_number(_dictionary(cv2, tags.dictionary), tags, tag)
     seen = once(_markers(cv2, tags.dictionary, picture), [tag.number for tag in tags.tags], "tag")
     return {number: np.roll(corners, turns, axis=0) for number, corners in seen.items()}
 

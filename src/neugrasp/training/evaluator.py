@@ -109,7 +109,8 @@ def train_evaluator(run: EvaluatorRun, stop_after: int | None = None) -> Path:
     model = load_evaluator(run.init).model() if run.init else GraspEvaluator(config.widths, config.hidden)
     model.to(device).train()
     learner = TrainState.of(model, config)
-    digest = hashlib.sha256("\n".join(f"{f.parent.name}/{f.name}" for f in files).encode()).hexdigest()
+    contents = [(f.parent.name, f.name, f.stat().st_size) for f in files]
+    digest = hashlib.sha256(repr(contents).encode()).hexdigest()
     identity = Identity(config, digest, run.init and Path(run.init).name)
     with lock_folder(run.out, "train"):
         saved = read_state(run.out)
