@@ -90,3 +90,15 @@ def test_the_table_of_a_run_names_crashes():
     told = metrics_table(metrics([played(0, "+"), Episode(4, 0, CRASHED)]))
     assert "CRASHED, counted nowhere: rounds 4" in told
     assert "1 of 1 grasps" in told
+
+
+def test_rounds_that_are_not_those_of_their_files_are_refused(tmp_path: Path):
+    a, b = (evaluation(tmp_path / name, [played(0, "+"), played(1, "+-")]) for name in "ab")
+    rounds = b / "rounds"
+    (rounds / "000001.json").rename(rounds / "000002.json")
+    with pytest.raises(InputError, match=r"000002\.json: is of round 1"):
+        compare(a, b)
+    content = json.loads((rounds / "000002.json").read_text())
+    (rounds / "000002.json").write_text(json.dumps({**content, "index": 2}))
+    with pytest.raises(InputError, match=r"000002\.json: attempts\[0\] is attempt 0 of round 1"):
+        compare(a, b)

@@ -46,7 +46,8 @@ def test_a_grasp_is_counted_for_the_object_that_it_is_at(tmp_path: Path, lying: 
         attempt(0, 2, False, position=second, before=lying),
     )
     round_0 = replace(played(0, ""), attempts=attempts)
-    crashed = replace(round_0, index=1, ending=CRASHED)
+    others = tuple(replace(one, round=1) for one in attempts)
+    crashed = replace(round_0, index=1, attempts=others, ending=CRASHED)
     found = aimed_grasps(evaluation(tmp_path / "out", round_0, crashed))
     names = [body["name"] for body in lying["bodies"]]
     assert found == [

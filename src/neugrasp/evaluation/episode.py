@@ -106,8 +106,7 @@ def read_episode(path: Path) -> Episode:
     if not path.is_file():
         raise InputError(f"{path}: cannot be read (no such file)")
     try:
-        fields = Fields(str(path), read_json(path, "the record of a round"))
-        return _own(_episode(fields), fields, path)
+        return _episode(Fields(str(path), read_json(path, "the record of a round")))
     except InputError as error:
         raise InputError(f"{error}; damaged record of a round: delete it and run again") from error
 
@@ -126,17 +125,6 @@ def _episode(fields: Fields) -> Episode:
         _lying(fields, "left"),
         _skipped(fields),
     )
-
-
-def _own(episode: Episode, fields: Fields, path: Path) -> Episode:
-    """The round, if it is the one that the file is named after: rounds are paired by their numbers."""
-    if path.stem.isdecimal() and int(path.stem) != episode.index:
-        raise fields.refuse("index", f"is {episode.index}; the file is that of round {int(path.stem)}")
-    for number, attempt in enumerate(episode.attempts):
-        if (attempt.round, attempt.attempt) != (episode.index, number):
-            told = f"is attempt {attempt.attempt} of round {attempt.round}"
-            raise fields.refuse(f"attempts[{number}]", f"{told}, not {number} of {episode.index}")
-    return episode
 
 
 def _attempt(fields: Fields) -> Attempt:

@@ -45,8 +45,20 @@ def workspace_of(facts: Mapping[str, Any]) -> Workspace:
 
 def played(folder: Path) -> list[Episode]:
     """Its rounds in order, without those that crashed. Raises `InputError` where one is damaged."""
-    episodes = map(read_episode, sorted((folder / "rounds").glob("[!.]*.json")))
+    episodes = map(_own, sorted((folder / "rounds").glob("[!.]*.json")))
     return [episode for episode in episodes if episode.ending != CRASHED]
+
+
+def _own(path: Path) -> Episode:
+    """The round that a file is named after: rounds are paired by their numbers."""
+    episode = read_episode(path)
+    if path.stem.isdecimal() and int(path.stem) != episode.index:
+        raise InputError(f"{path}: is of round {episode.index}; delete it and run again")
+    for number, attempt in enumerate(episode.attempts):
+        if (attempt.round, attempt.attempt) != (episode.index, number):
+            told = f"is attempt {attempt.attempt} of round {attempt.round}"
+            raise InputError(f"{path}: attempts[{number}] {told}; delete the file and run again")
+    return episode
 
 
 def library_of(folder: Path, objects: Path | None) -> ObjectLibrary:

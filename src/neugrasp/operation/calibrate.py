@@ -44,6 +44,9 @@ def sightings_of(config: Calibrate) -> tuple[Sightings, list[str]]:
     """The poses of the photos in which the board is found, and their names. Raises `InputError`."""
     board = read_board(config.board)
     data, views = flange_views(config.poses)
+    listed = [view["image"] for view, _ in views]
+    if twice := [name for name in listed if listed.count(name) > 1]:
+        raise InputError(f"{config.poses}: the photo {twice[0]} is there twice; which of its poses is meant?")
     focal, flange, camera, names = 0.0, [], [], []
     for view, where in counted(views, "photos"):
         name = view["image"]
