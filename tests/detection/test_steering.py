@@ -156,11 +156,11 @@ def test_a_mask_that_says_nothing_is_refused(
 @pytest.mark.parametrize(
     ("region", "message"),
     [
-        ((-500, -500, -500, 500, 500, 500), "all of the cube lies in it"),
-        ((100, 100, 0, 300, 300, 200), "the cube lies outside of it"),
+        ((-4, -4, -4, 4, 4, 4), "all of the cube lies in it"),
+        ((4, 4, 0, 6, 6, 2), "the cube lies outside of it"),
     ],
 )
-def test_a_region_in_other_units_is_told(region: tuple[float, ...], message: str, caplog):
+def test_a_region_that_leaves_all_or_nothing_is_told(region: tuple[float, ...], message: str, caplog):
     steered(detection(HIGH, LOW), Steering(region=region))
     assert f"--region: {message}, which reaches from [" in caplog.text
 
@@ -183,6 +183,10 @@ def test_the_cone_ends_at_its_angle(degrees: float):
     [
         ({"region": (0, 0, 0, 1, 1, -1)}, "--region 0 0 0 1 1 -1: give the lower corner"),
         ({"region": (0, 0, float("nan"), 1, 1, 1)}, "--region"),
+        (
+            {"region": (0, 0, 0, 300, 300, 300)},
+            "300 m long, which looks like milli",
+        ),
         ({"approach": (0, 0, 0, 30)}, "--approach 0 0 0 30"),
         ({"approach": (0, 0, -1, 0)}, "--approach 0 0 -1 0"),
         ({"approach": (0, 0, float("nan"), 30)}, "--approach"),

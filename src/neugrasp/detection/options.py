@@ -46,6 +46,10 @@ Box = tuple[float, float, float, float, float, float]
 Cone = tuple[float, float, float, float]
 
 
+LARGEST_REGION = 10.0
+"""Metres; a region that is longer, and ends somewhere, was written in another unit."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Steering:
     """What a grasp must satisfy besides; everything in the world of the scene.
@@ -72,6 +76,12 @@ class Steering:
     def __post_init__(self) -> None:
         if self.region is not None and not all(self.region[i] < self.region[i + 3] for i in range(3)):
             raise InputError(f"--region {_words(self.region)}: give the lower corner, then the upper one")
+        edges = [] if self.region is None else [self.region[i + 3] - self.region[i] for i in range(3)]
+        if any(LARGEST_REGION < edge < np.inf for edge in edges):
+            raise InputError(
+                f"--region {_words(self.region or ())}: {max(edges):g} m long, which looks like "
+                "millimetres; give metres"
+            )
         if self.approach is not None:
             *direction, degrees = self.approach
             if not 0 < float(np.linalg.norm(direction)) < np.inf or not 0 < degrees <= 180:

@@ -24,7 +24,7 @@ def run(config: Capture) -> str:
             raise InputError(f"{config.cell}: --empty is for hardware; a twin knows its empty table")
         folder = empty_folder(cell)
         with opened(cell) as hardware:
-            write_empty(folder, hardware.camera.shots())
+            write_empty(folder, hardware.camera.shots(), cell.camera)
         return f"{folder}\n{next_step('capture', config.cell, '--out', config.out)}"
     if (config.out / "scene.json").exists():
         raise InputError(f"{config.out}: holds a scene already; choose another --out")
@@ -33,7 +33,7 @@ def run(config: Capture) -> str:
         with open_runner(asked, photographer_for(asked), THREADS, speed=config.speed) as runner:
             seen = runner.capture(0)
     else:
-        empty = read_empty(empty_folder(cell), cell.camera.camera)
+        empty = read_empty(empty_folder(cell), cell.camera)
         with opened(cell) as hardware:
             seen = Photographs(hardware.camera, empty).capture()
     write_scene(Path(config.out), with_backgrounds(seen))

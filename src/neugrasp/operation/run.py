@@ -184,7 +184,7 @@ def _clear_table(config: Run, cell: CellFile, watch: _Watch) -> Episode:
     up: Array = cell.workspace.world_from_workspace[:3, 2]
     rules = replace(PROTOCOLS["paper"], max_failures=config.max_failures)
     game = EpisodeConfig(rules, strategy_of(config.strategy), lambda i, j: np.random.default_rng([i, j]), up)
-    empty = read_empty(empty_folder(cell), cell.camera.camera)
+    empty = read_empty(empty_folder(cell), cell.camera)
     with opened(cell, watch.attendants) as hardware:
         table = SeenTable(Photographs(hardware.camera, empty))
         robot = Robot(table, hardware.manipulator, table)

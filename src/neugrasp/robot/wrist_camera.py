@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image as Picture
 
+from neugrasp.data.camera_checks import check_rigid
+from neugrasp.data.fields import Fields
 from neugrasp.data.photo_files import read_image
 from neugrasp.data.strict_json import read_json
 from neugrasp.data.whole_or_nothing import whole_or_nothing
@@ -18,7 +20,7 @@ from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import Array
 from neugrasp.importers.resampling import resampled
 from neugrasp.observation import Image, View, Views
-from neugrasp.robot.cell_file import CellFile
+from neugrasp.robot.cell_file import CameraPart, CellFile
 from neugrasp.robot.errors import CameraFault
 from neugrasp.robot.interface import Arm, Sensor
 from neugrasp.robot.tour import Tour
@@ -31,7 +33,7 @@ TREMBLING = 0.0005
 """Radians by which the joints may move while a photo is taken."""
 ELSEWHERE_MM, ELSEWHERE = 3.0, 0.005
 """Millimetres, and rotation (of a matrix's entries), by which a background may be taken from elsewhere."""
-POSES = "cameras.json"
+POSES, FORMAT, VERSION = "cameras.json", "neugrasp-empty-table", 1
 
 
 @dataclass(frozen=True)
@@ -122,27 +124,40 @@ def check_places(shots: Sequence[Shot], empty: Sequence[Shot]) -> None:
             )
 
 
-def write_empty(folder: Path, shots: Sequence[Shot]) -> None:
-    """Keeps the photos of the empty table, whole or not at all."""
+def write_empty(folder: Path, shots: Sequence[Shot], part: CameraPart) -> None:
+    """Keeps the photos of the empty table, whole or not at all, with the lens that straightened them."""
     names = [f"{number}.png" for number in range(len(shots))]
-    with whole_or_nothing(folder, (POSES, *names)) as part:
+    with whole_or_nothing(folder, (POSES, *names)) as kept:
         for name, shot in zip(names, shots, strict=True):
-            Picture.fromarray(shot.image).save(part / name)
+            Picture.fromarray(shot.image).save(kept / name)
         poses = [shot.camera.world_from_camera.tolist() for shot in shots]
-        (part / POSES).write_text(json.dumps(poses, indent=1) + "\n", encoding="utf-8")
+        about = {"format": FORMAT, "version": VERSION, "lens": _lens_of(part), "poses": poses}
+        (kept / POSES).write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
 
 
-def read_empty(folder: Path, camera: Camera) -> tuple[Shot, ...]:
-    """The reverse of `write_empty`. Raises `InputError` naming what is missing."""
-    if not (folder / POSES).is_file():
+def read_empty(folder: Path, part: CameraPart) -> tuple[Shot, ...]:
+    """The reverse of `write_empty`. Raises `InputError` naming what is missing, or what has changed since."""
+    file = folder / POSES
+    if not file.is_file():
         raise InputError(f"{folder}: no photos of the empty table; take them with neugrasp capture --empty")
-    poses = read_json(folder / POSES, "the poses of photos of the empty table")
-    if not isinstance(poses, list) or np.shape(poses)[1:] != (4, 4):
-        raise InputError(f"{folder / POSES}: is no list of 4 x 4 poses; take the photos again (--empty)")
-    return tuple(
-        Shot(
-            replace(camera, world_from_camera=np.array(pose, dtype=np.float64)),
-            read_image(folder / f"{number}.png", f"{folder}"),
-        )
-        for number, pose in enumerate(poses)
-    )
+    told = read_json(file, "the poses of photos of the empty table")
+    if not isinstance(told, dict) or (told.get("format"), told.get("version")) != (FORMAT, VERSION):
+        raise InputError(f"{file}: of another version of neugrasp; take the photos again (--empty)")
+    fields = Fields(f"{file}", told)
+    if fields.get("lens") != _lens_of(part):
+        raise InputError(f"{file}: the cell file has another lens now; take the photos again (--empty)")
+    shots = []
+    for number, pose in enumerate(fields.list("poses")):
+        where, camera = f"{file}: poses[{number}]", part.camera
+        image = read_image(folder / f"{number}.png", where)
+        if image.shape[:2] != (camera.height, camera.width):
+            raise InputError(f"{folder / f'{number}.png'}: of another size; take the photos again (--empty)")
+        shots.append(Shot(replace(camera, world_from_camera=check_rigid(pose, where)), image))
+    return tuple(shots)
+
+
+def _lens_of(part: CameraPart) -> dict[str, object]:
+    lens = part.lens
+    distortion = [*map(float, (*lens.radial, *lens.tangential))]
+    size = [part.camera.width, part.camera.height]
+    return {"size": size, "intrinsics": part.camera.intrinsics.tolist(), "distortion": distortion}
