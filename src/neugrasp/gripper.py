@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull, QhullError
 
 from neugrasp.data.fields import Fields
@@ -57,6 +58,25 @@ class Pads:
 
 
 @dataclass(frozen=True)
+class FingerArc:
+    """The way of fingertips that swing on a four-bar linkage and stay parallel: part of a circle, on which
+    they move along the approach as they close."""
+
+    radius: float
+    """Of the circle, metres."""
+    offset: float
+    """y of its centre, metres: the pad is there when the finger stands straight ahead."""
+
+    def angle(self, opening: float) -> float:
+        """Of the crank, radians, with the pads `opening` metres apart; proportional to the motor's way."""
+        return float(np.arccos(np.clip((opening / 2 - self.offset) / self.radius, -1, 1)))
+
+    def opening(self, angle: float) -> float:
+        """The reverse of `angle`."""
+        return float(2 * (self.offset + self.radius * np.cos(angle)))
+
+
+@dataclass(frozen=True)
 class Gripper:
     """A parallel-jaw gripper. The second finger is the first one turned by pi about z."""
 
@@ -83,6 +103,8 @@ class Gripper:
     """Newton with which the arm holds the hand on its path."""
     centring_force: float
     """Newton with which the gear keeps both fingers at the same distance from the middle."""
+    finger_arc: FingerArc | None = None
+    """How the tips move along the approach; None: they do not. Hulls and TCP are those of closed fingers."""
 
     @classmethod
     @told_as(GripperFileError)
@@ -99,12 +121,26 @@ class Gripper:
     def to_dict(self) -> dict[str, Any]:
         """The content of a gripper file that `from_dict` and `load` read as this gripper."""
         plain = asdict(self)
+        if self.finger_arc is None:
+            del plain["finger_arc"]
         for link in (self.palm, self.finger):
             parts = [{"hull": hull.tolist()} for hull in link.hulls]
             entry = {"mass": link.mass, "centre_of_mass": link.centre_of_mass.tolist(), "parts": parts}
             plain["palm" if link is self.palm else "finger"] = entry
         plain["finger"] |= {"mount": plain.pop("finger_mount"), "pads": plain.pop("pads")}
         return {"format": FORMAT, "version": VERSION, **plain}
+
+    def tip_setback(self, opening: ArrayLike) -> Array:
+        """Metres (...) by which pads `opening` (...) metres apart stand farther back than closed ones.
+
+        The TCP is between the pads, so where it has to be the hand goes so much deeper.
+        """
+        apart = np.asarray(opening, dtype=np.float64)
+        if self.finger_arc is None:
+            return np.zeros_like(apart)
+        radius, offset = self.finger_arc.radius, self.finger_arc.offset
+        ahead = np.sqrt(radius**2 - (apart / 2 - offset) ** 2)
+        return np.asarray(np.sqrt(radius**2 - offset**2) - ahead)
 
     @property
     def tip_height(self) -> float:
@@ -119,7 +155,8 @@ class Gripper:
     def wireframe(self, opening: float) -> Array:
         """Segments (4, 2, 3) in the grasp frame, metres: palm, two fingers and the arm behind."""
         half = opening / 2
-        palm, tip = self.palm_height - self.tcp_height, self.tip_height - self.tcp_height
+        palm = self.palm_height - self.tcp_height + float(self.tip_setback(opening))
+        tip = self.tip_height - self.tcp_height
         left, right, middle = (0.0, half, palm), (0.0, -half, palm), (0.0, 0.0, palm)
         segments = [
             (left, right),
@@ -187,6 +224,7 @@ def _gripper(fields: Fields) -> Gripper:
         closing_speed=fields.number("closing_speed", 0.001, 2, "m/s"),
         holding_force=fields.number("holding_force", 1, 1e5, "N"),
         centring_force=fields.number("centring_force", 0.1, 1e5, "N"),
+        finger_arc=_arc(fields.inside("finger_arc")) if "finger_arc" in fields.data else None,
     )
     _check(fields, gripper)
     return gripper
@@ -198,6 +236,11 @@ def _link(fields: Fields) -> Link:
         raise fields.refuse("parts", "must be a list of at least one box or hull")
     mass = fields.number("mass", 1e-3, 20, "kg")
     return Link(mass, _point(fields, "centre_of_mass"), tuple(map(_hull, parts)))
+
+
+def _arc(fields: Fields) -> FingerArc:
+    fields.only(("radius", "offset"))
+    return FingerArc(fields.number("radius", 0.01, 0.5, "m"), fields.number("offset", -0.2, 0.2, "m"))
 
 
 def _point(fields: Fields, field: str) -> Array:
@@ -241,5 +284,8 @@ def _check(fields: Fields, gripper: Gripper) -> None:
             f"is {gripper.tcp_height:g} m; it must lie between the palm's front ({gripper.palm_height:g} m) "
             f"and the finger tips ({gripper.tip_height:g} m)",
         )
+    arc = gripper.finger_arc
+    if arc is not None and not abs(gripper.max_opening / 2 - arc.offset) < arc.radius > abs(arc.offset):
+        raise fields.refuse("finger_arc", "is too small: its fingers reach neither 0 nor max_opening")
     if gripper.tcp_depth > gripper.tcp_height:
         raise fields.refuse("tcp_depth", "is greater than tcp_height; the grasp point is behind the flange")

@@ -32,7 +32,7 @@ def passes(
     gripper: Gripper, position: tuple[float, float, float], turn: np.ndarray = DOWN
 ) -> tuple[bool, bool]:
     poses = rigid(turn, position)[None]
-    holds, is_free = CollisionFilter(gripper).passes(box_on_a_table(), WORKSPACE, poses)
+    holds, is_free = CollisionFilter(gripper).passes(box_on_a_table(), WORKSPACE, poses, np.zeros(len(poses)))
     return bool(holds[0]), bool(is_free[0])
 
 
@@ -64,7 +64,8 @@ def test_a_hand_goes_as_deep_as_the_surface_lets_it(name: str):
     gripper = Gripper.load(name)
     top, table = CENTRE[2] + HALF[2], WORKSPACE.table_height
     palm = top + (gripper.palm_height - gripper.tcp_height)
-    tips = table + (gripper.tip_height - gripper.tcp_height)
+    setback = float(gripper.tip_setback(gripper.max_opening))
+    tips = table + (gripper.tip_height - gripper.tcp_height) - setback
     most = DEEPER * gripper.finger_depth
     expected = {
         "palm 8 mm over the top": ((0.15, 0.15, palm + 0.008), 0.008),
@@ -75,13 +76,13 @@ def test_a_hand_goes_as_deep_as_the_surface_lets_it(name: str):
     }
     places, room = zip(*expected.values(), strict=True)
     poses = np.stack([rigid(DOWN, place) for place in places])
-    found = CollisionFilter(gripper).depth_margin(box_on_a_table(), WORKSPACE, poses)
+    found = CollisionFilter(gripper).depth_margin(box_on_a_table(), WORKSPACE, poses, np.zeros(len(poses)))
     assert dict(zip(expected, found, strict=True)) == pytest.approx(
         dict(zip(expected, room, strict=True)), abs=3e-3
     )
-    assert CollisionFilter(gripper).depth_margin(box_on_a_table(), WORKSPACE, np.empty((0, 4, 4))).shape == (
-        0,
-    )
+    assert CollisionFilter(gripper).depth_margin(
+        box_on_a_table(), WORKSPACE, np.empty((0, 4, 4)), np.empty(0)
+    ).shape == (0,)
 
 
 @pytest.mark.parametrize("name", ["panda", "robotiq_2f85"])
@@ -89,7 +90,8 @@ def test_the_skin_is_dense_and_lies_on_the_hand(name: str):
     """Every corner of the hand is a point, no point sticks out, and no gap is wider than 2.4 cm."""
     gripper = Gripper.load(name)
     points = CollisionFilter(gripper).hand + np.array([0, 0, gripper.tcp_height])
-    mount = np.array([0, gripper.max_opening / 2, gripper.finger_mount])
+    setback = float(gripper.tip_setback(gripper.max_opening))
+    mount = np.array([0, gripper.max_opening / 2, gripper.finger_mount - setback])
     hulls = [*gripper.palm.hulls, *(hull + mount for hull in gripper.finger.hulls)]
     hulls += [(hull + mount) * [-1, -1, 1] for hull in gripper.finger.hulls]
     signed = np.stack(

@@ -50,7 +50,7 @@ def test_decoding_undoes_encoding(found: list[Grasp], gripper: Gripper):
         stamp = ros.Stamp("base_link", link)
         same(ros.decode(ros.encode(found, gripper, stamp), gripper, stamp), found)
         for row, grasp in zip(ur.encode(found, gripper, link), found, strict=True):
-            shift = ros.link_from_tcp(gripper, link)
+            shift = ros.link_from_tcp(gripper, link, grasp.width)
             way = {"pregrasp": grasp.pregrasp, "grasp": grasp.pose, "retreat": grasp.retreat}
             for key, pose in way.items():
                 np.testing.assert_allclose(ur.pose_of(row[key]) @ shift, pose, atol=1e-9)

@@ -66,7 +66,7 @@ def test_the_action_gives_feedback_then_grasps_of_the_parent_link(
     check(result["values"]["grasps"], "moveit_msgs/Grasp[]")
     expected, gripper = FlatTable().detect(views).grasps, Gripper.load("panda")
     for message, grasp in zip(result["values"]["grasps"], expected, strict=True):
-        tcp = pose_of(message["grasp_pose"]) @ link_from_tcp(gripper, "hand")
+        tcp = pose_of(message["grasp_pose"]) @ link_from_tcp(gripper, "hand", 0.0)
         np.testing.assert_allclose(tcp, grasp.pose, atol=1e-6)
         # The hand's frame lies behind the TCP, against the approach.
         behind = pose_of(message["grasp_pose"])[:3, 3] - grasp.position
@@ -261,7 +261,7 @@ def test_each_link_leads_back_to_the_grasp(link: str, views: Views, given: Param
     gripper, grasps = Gripper.load("panda"), FlatTable().detect(views).grasps
     for message, grasp in zip(grasps_of(grasps, gripper, replace(given, link=link)), grasps, strict=True):
         np.testing.assert_allclose(
-            pose_of(message["grasp_pose"]) @ link_from_tcp(gripper, link), grasp.pose, atol=1e-6
+            pose_of(message["grasp_pose"]) @ link_from_tcp(gripper, link, 0.0), grasp.pose, atol=1e-6
         )
         direction = message["pre_grasp_approach"]["direction"]["vector"]
         np.testing.assert_allclose(list(direction.values()), grasp.approach, atol=1e-9)

@@ -42,15 +42,25 @@ class CollisionFilter:
         self.least_depth_margin = depth_margin
         """Metres by which a hand goes deeper than the network said where it holds more than a rim."""
         self.finger_depth = gripper.finger_depth
+        self._setback = gripper.tip_setback
         self.hand: Float[np.ndarray, "n 3"] = hand_points(gripper, FINGER_SPACING, PALM_SPACING)
         """Grasp frame, metres."""
         self.between: Float[np.ndarray, "m 3"] = _between_pads(gripper)
         """Grasp frame, metres."""
 
+    def standing(
+        self, poses: Float[np.ndarray, "k 4 4"], widths: Float[np.ndarray, " k"]
+    ) -> Float[np.ndarray, "k 4 4"]:
+        """Where a hand whose closed pads would be at a pose has to stand, so that pads `widths` metres apart
+        are there: the same, but for fingers that swing."""
+        moved = poses.copy()
+        moved[:, :3, 3] += self._setback(widths)[:, None] * poses[:, :3, 2]
+        return moved
+
     def clearance(
         self, tsdf: Grid, workspace: Workspace, poses: Float[np.ndarray, "k 4 4"]
     ) -> Float32[np.ndarray, " k"]:
-        """Least value of the grid that the open hand meets at TCP poses, workspace frame."""
+        """Least value of the grid that the open hand meets at poses of `standing`, workspace frame."""
         return np.asarray(_read(tsdf, workspace, poses, self.hand).min(axis=1))
 
     def pad_fill(
@@ -60,7 +70,11 @@ class CollisionFilter:
         return np.asarray((_read(tsdf, workspace, poses, self.between) < 0).mean(axis=1))
 
     def depth_margin(
-        self, tsdf: Grid, workspace: Workspace, poses: Float[np.ndarray, "k 4 4"]
+        self,
+        tsdf: Grid,
+        workspace: Workspace,
+        poses: Float[np.ndarray, "k 4 4"],
+        widths: Float[np.ndarray, " k"],
     ) -> Float[np.ndarray, " k"]:
         """How much farther, metres, the open hand can go from TCP poses before it touches.
 
@@ -69,23 +83,30 @@ class CollisionFilter:
         through what is free.
         """
         depths = STEP * np.arange(round(DEEPER * self.finger_depth / STEP) + 1)
+        poses = self.standing(poses, widths)
         ahead = [poses @ rigid(translation=(0, 0, depth)) for depth in depths]
         free = [self.clearance(tsdf, workspace, moved) > 0 for moved in ahead]
         return STEP * np.maximum(np.cumprod(free, axis=0).sum(axis=0) - 1, 0)
 
     def passes(
-        self, tsdf: Grid, workspace: Workspace, poses: Float[np.ndarray, "k 4 4"]
+        self,
+        tsdf: Grid,
+        workspace: Workspace,
+        poses: Float[np.ndarray, "k 4 4"],
+        widths: Float[np.ndarray, " k"],
     ) -> tuple[Bool[np.ndarray, " k"], Bool[np.ndarray, " k"]]:
         """Whether the hand would hold anything at TCP poses, and whether it gets there."""
         holds = self.pad_fill(tsdf, workspace, poses) >= self.least_pad_fill
-        return holds, self.clearance(tsdf, workspace, poses) > self.least_clearance
+        standing = self.standing(poses, widths)
+        return holds, self.clearance(tsdf, workspace, standing) > self.least_clearance
 
 
 def hand_points(
     gripper: Gripper, spacing: float, palm_spacing: float | None = None
 ) -> Float[np.ndarray, "n 3"]:
     """Points on the skin of the open hand in the grasp frame, about `spacing` metres apart."""
-    mount = np.array([0.0, gripper.max_opening / 2, gripper.finger_mount])
+    setback = float(gripper.tip_setback(gripper.max_opening))
+    mount = np.array([0.0, gripper.max_opening / 2, gripper.finger_mount - setback])
     fingers = [_skin(hull, spacing) + mount for hull in gripper.finger.hulls]
     turned = [points * [-1, -1, 1] for points in fingers]
     palm = [_skin(hull, palm_spacing or spacing) for hull in gripper.palm.hulls]

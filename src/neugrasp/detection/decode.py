@@ -135,9 +135,11 @@ def select_grasps(
     # Last, not before the suppression: the neighbours that would take the place of a peak that fails pass
     # only just, and hold less often.
     if config.hand is not None:
-        margin = config.hand.depth_margin(prediction.tsdf, workspace, Grasps.of(grasps).poses)
+        placed = Grasps.of(grasps)
+        margin = config.hand.depth_margin(prediction.tsdf, workspace, placed.poses, placed.widths)
         grasps = tuple(grasp.advanced(further) for grasp, further in zip(grasps, margin, strict=True))
-        holds, is_free = config.hand.passes(prediction.tsdf, workspace, Grasps.of(grasps).poses)
+        placed = Grasps.of(grasps)
+        holds, is_free = config.hand.passes(prediction.tsdf, workspace, placed.poses, placed.widths)
         rejected["nothing_between_the_fingers"] = int(np.count_nonzero(~holds))
         rejected["hand_would_collide"] = int(np.count_nonzero(holds & ~is_free))
         passes = holds & is_free

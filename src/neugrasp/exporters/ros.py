@@ -64,7 +64,7 @@ def encode(grasps: Sequence[Grasp], gripper: Gripper, stamp: Stamp) -> list[dict
 
     Raises `InputError` where the gripper has no such link.
     """
-    tcp_from_link = inverse(link_from_tcp(gripper, stamp.link))
+    tcp_from_links = [inverse(link_from_tcp(gripper, stamp.link, grasp.width)) for grasp in grasps]
     return [
         {
             "id": f"grasp_{i}",
@@ -74,7 +74,7 @@ def encode(grasps: Sequence[Grasp], gripper: Gripper, stamp: Stamp) -> list[dict
             "grasp_quality": float(grasp.score),
             "width": float(grasp.width),
         }
-        for i, grasp in enumerate(grasps)
+        for i, (grasp, tcp_from_link) in enumerate(zip(grasps, tcp_from_links, strict=True))
     ]
 
 
@@ -85,10 +85,9 @@ def decode(messages: Sequence[dict[str, Any]], gripper: Gripper, stamp: Stamp) -
 
 
 def _grasps(messages: Sequence[Fields], gripper: Gripper, link: Link) -> list[Grasp]:
-    shift = link_from_tcp(gripper, link)
     return [
         Grasp(
-            _pose_of(message.inside("grasp_pose")) @ shift,
+            _pose_of(message.inside("grasp_pose")) @ link_from_tcp(gripper, link, width_of(message)),
             width_of(message),
             message.number("grasp_quality", 0, HIGHEST),
         )
@@ -115,8 +114,11 @@ def read(file: Path, gripper: Gripper) -> list[Grasp]:
     return _grasps(fields.each("grasps"), gripper, link)
 
 
-def link_from_tcp(gripper: Gripper, link: Link) -> Array:
-    """The TCP (4x4, metres) in a link's frame. Raises `InputError` where the gripper has no such link."""
+def link_from_tcp(gripper: Gripper, link: Link, width: float) -> Array:
+    """The TCP (4x4, metres) in a link's frame, with the pads `width` metres apart.
+
+    Raises `InputError` where the gripper has no such link.
+    """
     if link == "tcp":
         return np.eye(4)
     link_from_hand = np.eye(4)
@@ -125,4 +127,5 @@ def link_from_tcp(gripper: Gripper, link: Link) -> Array:
             raise InputError(f"--link panda_link8: is of the Panda; for {gripper.name} give hand or tcp")
         # franka_description's joint panda_hand_joint.
         link_from_hand[:3, :3] = Rotation.from_euler("z", -45, degrees=True).as_matrix()
-    return link_from_hand @ rigid(translation=(0.0, 0.0, gripper.tcp_height))
+    ahead = gripper.tcp_height - float(gripper.tip_setback(min(width, gripper.max_opening)))
+    return link_from_hand @ rigid(translation=(0.0, 0.0, ahead))

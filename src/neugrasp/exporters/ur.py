@@ -40,7 +40,7 @@ def pose_of(vector: Sequence[float] | Array) -> Array:
 
 def encode(grasps: Sequence[Grasp], gripper: Gripper, link: Link) -> list[dict[str, Any]]:
     """For each grasp the poses before, at and after it, its width in metres and its score."""
-    tcp_from_link = inverse(link_from_tcp(gripper, link))
+    tcp_from_links = [inverse(link_from_tcp(gripper, link, grasp.width)) for grasp in grasps]
     return [
         {
             "pregrasp": vector_of(grasp.pregrasp @ tcp_from_link),
@@ -49,7 +49,7 @@ def encode(grasps: Sequence[Grasp], gripper: Gripper, link: Link) -> list[dict[s
             "width": float(grasp.width),
             "score": float(grasp.score),
         }
-        for grasp in grasps
+        for grasp, tcp_from_link in zip(grasps, tcp_from_links, strict=True)
     ]
 
 
@@ -63,8 +63,8 @@ def read(file: Path, gripper: Gripper) -> list[Grasp]:
     """The grasps of a file made by `write`; z is taken for up. Raises `InputError` naming the file."""
     fields = Fields(str(file), read_json(file, "a list of grasps for UR"))
     fields.expect(FORMAT, VERSION)
-    shift = link_from_tcp(gripper, cast(Link, fields.text("link", get_args(Link))))
-    return [_grasp(entry, shift) for entry in fields.each("grasps")]
+    link = cast(Link, fields.text("link", get_args(Link)))
+    return [_grasp(entry, link_from_tcp(gripper, link, width_of(entry))) for entry in fields.each("grasps")]
 
 
 def _grasp(fields: Fields, shift: Array) -> Grasp:

@@ -52,7 +52,7 @@ def opened(cell: CellFile, attendants: Sequence[Attendant] = ()) -> Iterator[Har
     tour = tour_of(cell, motion, cameras_of(cell))
     with ExitStack() as closing:
         sensor = closing.enter_context(_sensor(cell))
-        gripper = closing.enter_context(Robotiq(cell.gripper.address, cell.gripper.gripper.max_opening))
+        gripper = closing.enter_context(Robotiq(cell.gripper.address, cell.gripper.gripper))
         guarded = closing.enter_context(Guarded(closing.enter_context(UrArm(cell.arm.address)), motion.fence))
         arm = AttendedArm(guarded, *attendants)
         _go_home(arm, cell, motion)

@@ -10,9 +10,10 @@ import numpy as np
 from neugrasp.detection.contract import Detection
 from neugrasp.geometry.pose import Array
 from neugrasp.grasp import Grasp
-from neugrasp.robot.collision import CollisionChecker
+from neugrasp.robot.collision import Carried, CollisionChecker
 from neugrasp.robot.errors import NoPlan
 from neugrasp.robot.free_way import leg
+from neugrasp.robot.held import held_box
 from neugrasp.robot.interface import Arm, Gripper
 from neugrasp.robot.motion import BACK, TO_DROP, Motion, PickPlan
 from neugrasp.robot.trajectory import Trajectory
@@ -47,6 +48,7 @@ class ArmHand:
         self._checker: CollisionChecker | None = None
         self._seen: Detection | None = None
         self._plan: PickPlan | None = None
+        self._asked: Grasp | None = None
         self._trail: list[Trajectory] = []
 
     @property
@@ -60,7 +62,9 @@ class ArmHand:
             has_surface = detection.tsdf is not None
             seen = (detection.surface(), detection.surface(CLEARANCE)) if has_surface else ()
             self._checker, self._seen = self._motion.checker(*seen), detection
-        self._plan = self._motion.pick(self._joints(), grasp, self._places.drop, self._checker)
+        held = held_box(grasp, detection)
+        self._plan = self._motion.pick(self._joints(), grasp, self._places.drop, self._checker, held)
+        self._asked = grasp
         self._trail = []
         return self
 
@@ -71,7 +75,7 @@ class ArmHand:
     def move_to_pose(self, pose: Array) -> bool:
         """To the pre-grasp on the way that was planned; False where something was touched."""
         plan = self._planned()
-        if not np.allclose(plan.grasp.pregrasp[:3, 3], pose[:3, 3], atol=1e-6):
+        if self._asked is None or not np.allclose(self._asked.pregrasp[:3, 3], pose[:3, 3], atol=1e-6):
             raise ValueError("the hand was prepared for another grasp")
         return not self._move(plan.way_in, until_contact=True)
 
@@ -109,7 +113,7 @@ class ArmHand:
         if np.abs(here - plan.way_out.joints[0]).max() < ARRIVED:
             self._move(plan.way_out, until_contact=False)
         else:
-            self._go(self._places.drop, TO_DROP)
+            self._go(self._places.drop, TO_DROP, plan.carried)
         held = self.holds()
         self.retract()
         return held
@@ -121,15 +125,16 @@ class ArmHand:
         self._rest()
         self._plan = None
 
-    def _go(self, goal: Array, what: str) -> None:
+    def _go(self, goal: Array, what: str, carried: Carried | None = None) -> None:
         """To joints (6,): on a new way, or back on the one that was come, and from its start."""
         here = self._joints()
         assert self._checker is not None
         try:
-            way = self._motion.way(here, goal[None], self._checker, grasping=True)
+            way = self._motion.way(here, goal[None], self._checker, True, carried)
         except NoPlan:
             self._move(self._retraced(), until_contact=False)
-            way = self._motion.way(self._joints(), goal[None], self._motion.checker(None), grasping=True)
+            empty = self._motion.checker(None)
+            way = self._motion.way(self._joints(), goal[None], empty, True, carried)
         self._move(way.named(what), until_contact=False)
 
     def _retraced(self) -> Trajectory:

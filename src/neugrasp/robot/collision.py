@@ -12,9 +12,9 @@ from scipy.spatial import ConvexHull
 from neugrasp.errors import require
 from neugrasp.geometry.pose import Array, inverse, rigid
 from neugrasp.geometry.surface import Surface
-from neugrasp.gripper import Gripper
 from neugrasp.robot.arm_model import ArmModel
 from neugrasp.robot.limits import Box
+from neugrasp.robot.tool import Tool
 
 TABLE_EDGE, TABLE_DEPTH = 3.0, 0.2
 """Metres of the box that stands for the table."""
@@ -29,30 +29,6 @@ MOUNTED_BESIDE = 3
 
 
 @dataclass(frozen=True)
-class Tool:
-    """What the flange carries, as corners of convex parts in the flange's frame, metres."""
-
-    palm: tuple[Array, ...]
-    fingers: tuple[Array, ...]
-    """Open as far as they go."""
-    camera: tuple[Array, ...] = ()
-
-    @classmethod
-    def of(cls, gripper: Gripper, flange_from_hand: Array, camera: Sequence[Array] = ()) -> Tool:
-        """A gripper mounted at a pose, with its fingers open, and a camera beside it."""
-        half = gripper.max_opening / 2
-        turn = np.array([-1.0, -1.0, 1.0])
-        left = [hull + np.array([0, half, gripper.finger_mount]) for hull in gripper.finger.hulls]
-        right = [hull * turn + np.array([0, -half, gripper.finger_mount]) for hull in gripper.finger.hulls]
-        rotation, shift = flange_from_hand[:3, :3], flange_from_hand[:3, 3]
-        palm, fingers = (
-            tuple(hull @ rotation.T + shift for hull in hulls)
-            for hulls in (gripper.palm.hulls, (*left, *right))
-        )
-        return cls(palm, fingers, tuple(camera))
-
-
-@dataclass(frozen=True)
 class Surroundings:
     """What stands around an arm, world frame."""
 
@@ -63,6 +39,15 @@ class Surroundings:
     """What was seen on the table."""
     wide: Surface | None = None
     """The same with the distance that is kept from it on ways in the open; None: the same."""
+
+
+@dataclass(frozen=True)
+class Carried:
+    """A hand that holds something, as the library has it; made by `CollisionChecker.carrying`."""
+
+    fingers: tuple[Any, ...]
+    held: tuple[Any, ...]
+    """One convex part, or none."""
 
 
 class CollisionChecker:
@@ -88,18 +73,32 @@ class CollisionChecker:
         self._wide = self._mesh(base_from_world, wide)
         self._self_pairs = self._pairs()
 
-    def is_free(self, joints: Array, grasping: bool = False) -> bool:
+    def carrying(self, fingers: Sequence[Array], held: Array | None) -> Carried:
+        """The hand after a grasp: its fingers where they closed, as corners of convex parts, and corners
+        (n, 3) around what they hold; all in the flange's frame."""
+        return Carried(
+            tuple(self._convex(hull) for hull in fingers), () if held is None else (self._convex(held),)
+        )
+
+    def is_free(self, joints: Array, grasping: bool = False, carried: Carried | None = None) -> bool:
         """Whether nothing touches anything with the joints at (6,). On the straight way to a grasp,
         `grasping`, no distance is kept, and the fingers may enter the surface: they are about to close on
-        it."""
-        self._place(self._model.frames(joints))
+        it. What is `carried` is held against table, keep-out boxes and arm: the surface shows itself, too."""
+        frames = self._model.frames(joints)
+        self._place(frames)
+        fingers = self._fingers if carried is None else carried.fingers
+        held = () if carried is None else carried.held
+        for body in (*held, *(() if carried is None else fingers)):
+            self._put(body, frames[-1])
         links = [body for frame, body, _ in self._links if frame >= LOWEST_LINK]
         surface = self._surface if grasping else self._wide
         solid = [self._table, *self._keep_out] + ([] if surface is None else [surface])
         apart = (*self._camera, *self._palm, *reversed(links))
         around_fingers = [self._lowered_table, *self._keep_out] if grasping else solid
         return not (
-            self._any((body, other) for body in self._fingers for other in around_fingers)
+            self._any((body, other) for body in fingers for other in around_fingers)
+            or self._any((body, other) for body in held for other in (self._lowered_table, *self._keep_out))
+            or self._any((body, link) for body in held for link in links if link is not self._links[-1][1])
             or self._any((body, other) for body in apart for other in solid)
             or self._any(self._self_pairs)
         )

@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from neugrasp.geometry.pose import Array, inverse, rigid, rotation_about
+from neugrasp.geometry.pose import Array, apply, inverse, rigid, rotation_about
 from neugrasp.geometry.surface import Surface
 from neugrasp.grasp import Grasp
-from neugrasp.robot.arm_model import JOINTS
-from neugrasp.robot.collision import CollisionChecker, Surroundings, Tool
+from neugrasp.robot.collision import Carried, CollisionChecker, Surroundings
 from neugrasp.robot.errors import InCollision, NoPlan, PlanningFailed, Unreachable
 from neugrasp.robot.free_way import free_way
 from neugrasp.robot.inverse import in_range, joints_of
 from neugrasp.robot.limits import Fence
+from neugrasp.robot.tool import Tool
 from neugrasp.robot.trajectory import Pace, Trajectory, timed
 
 LINE_STEP = 0.005
@@ -38,7 +38,10 @@ class PickPlan:
     """All motions of one grasp."""
 
     grasp: Grasp
-    """As it is carried out: perhaps turned by pi about its approach, which is the same grasp."""
+    """As it is carried out: perhaps turned by pi about its approach, which is the same grasp, and as much
+    deeper as open fingers are shorter (`Tool.standing`)."""
+    carried: Carried
+    """The hand after it."""
     way_in: Trajectory
     """From where the arm is to the pre-grasp."""
     approach: Trajectory
@@ -91,14 +94,20 @@ class Motion:
         return found[np.argsort(np.abs(found - near).max(axis=1), kind="stable")]
 
     def way(
-        self, start: Array, goals: Array, checker: CollisionChecker, grasping: bool = False
+        self,
+        start: Array,
+        goals: Array,
+        checker: CollisionChecker,
+        grasping: bool = False,
+        carried: Carried | None = None,
     ) -> Trajectory:
-        """The way to the first of the goals (n, 6) that one is found to. Raises a `NoPlan`."""
+        """The way to the first of the goals (n, 6) that one is found to, with what is `carried`. Raises a
+        `NoPlan`."""
         if not len(goals):
             raise Unreachable("no position of the joints brings the hand there")
 
         def is_free(joints: Array) -> bool:
-            return self.fence.allows(joints) and checker.is_free(joints, grasping)
+            return self.fence.allows(joints) and checker.is_free(joints, grasping, carried)
 
         free = [goal for goal in goals if is_free(goal)]
         if not free:
@@ -136,24 +145,36 @@ class Motion:
             joints.append(near[0])
         return np.stack(joints)
 
-    def pick(self, start: Array, grasp: Grasp, drop: Array, checker: CollisionChecker) -> PickPlan:
+    def pick(
+        self,
+        start: Array,
+        grasp: Grasp,
+        drop: Array,
+        checker: CollisionChecker,
+        held: Array | None = None,
+    ) -> PickPlan:
         """Everything that a grasp needs, from the joints `start` to the joints `drop`.
+
+        `held` are corners (n, 3), in the user's world, around what comes along from the grasp on.
 
         Raises a `NoPlan` with the reason, or a `Refused` where the fence does not let the hand there.
         """
+        fingers = self.tool.fingers_at(min(grasp.width, self.tool.gripper.max_opening))
+        grasp = self.tool.standing(grasp)
         for pose in (grasp.pose, grasp.pregrasp, grasp.retreat):
             self.fence.check_pose(pose)
         problem: NoPlan = Unreachable("the arm does not reach the grasp in a straight line")
         ways = 0
         for candidate in self._followed(start, grasp):
-            if not self._is_free(candidate, checker):
+            carried = checker.carrying(fingers, self._in_flange(candidate.approach[-1], held))
+            if not self._is_free(candidate, checker, carried):
                 if ways == 0:
                     problem = InCollision("arm, hand or camera would touch something on the line to it")
                 continue
             ways += 1
             try:
                 way_in = self.way(start, candidate.approach[:1], checker)
-                way_out = self.way(candidate.retreat[-1], drop[None], checker, grasping=True)
+                way_out = self.way(candidate.retreat[-1], drop[None], checker, True, carried)
             except NoPlan as error:
                 problem = PlanningFailed(f"{error}, on the way to the grasp or out again")
                 if ways == TRIES:
@@ -163,6 +184,7 @@ class Motion:
             retreat = self.timed([candidate.retreat], self.approach_speed)
             return PickPlan(
                 candidate.grasp,
+                carried,
                 way_in.named(TO_PREGRASP),
                 approach.named(TO_GRASP),
                 retreat.named(BACK),
@@ -181,9 +203,17 @@ class Motion:
             except Unreachable:
                 continue
 
-    def _is_free(self, candidate: _Candidate, checker: CollisionChecker) -> bool:
+    def _in_flange(self, joints: Array, points: Array | None) -> Array | None:
+        """Points (n, 3) of the world as the flange sees them with the joints at (6,)."""
+        if points is None:
+            return None
+        fence = self.fence
+        return np.asarray(apply(inverse(fence.world_from_base @ fence.model.flange(joints)), points))
+
+    def _is_free(self, candidate: _Candidate, checker: CollisionChecker, carried: Carried) -> bool:
         """The ends first: what is in the way is found early."""
-        ways = np.concatenate([candidate.approach[::-1], candidate.retreat[::-1]])
-        return checker.is_free(candidate.approach[0]) and all(
-            checker.is_free(joints, grasping=True) for joints in ways.reshape(-1, JOINTS)
+        return (
+            checker.is_free(candidate.approach[0])
+            and all(checker.is_free(joints, grasping=True) for joints in candidate.approach[::-1])
+            and all(checker.is_free(joints, True, carried) for joints in candidate.retreat[::-1])
         )

@@ -6,6 +6,7 @@ import socket
 import time
 from types import TracebackType
 
+from neugrasp.gripper import Gripper as Hand
 from neugrasp.robot.errors import ConnectionLost, GripperFault, MotionTimeout, RobotError
 
 PORT = 63352
@@ -35,12 +36,12 @@ FAULTS = {
 
 
 class Robotiq:
-    """The gripper at an address. The position is taken for linear in the opening, which errs by some
-    millimetres in between (docs/robot.md)."""
+    """The gripper at an address. The position is linear in the angle of the crank where the gripper's file
+    knows it, else in the opening."""
 
-    def __init__(self, address: str, max_opening: float, port: int = PORT):
+    def __init__(self, address: str, gripper: Hand, port: int = PORT):
         """Connects, and activates it where it is not. Raises `ConnectionLost` or `GripperFault`."""
-        self._name, self._max_opening = f"{address}:{port}", max_opening
+        self._name, self._hand = f"{address}:{port}", gripper
         try:
             self._socket = socket.create_connection((address, port), timeout=TIMEOUT_S)
         except OSError as error:
@@ -66,7 +67,7 @@ class Robotiq:
     @property
     def max_opening(self) -> float:
         """Largest distance between the pads, metres."""
-        return self._max_opening
+        return self._hand.max_opening
 
     def move(self, opening: float, force: float, timeout_s: float) -> float:
         """As `Gripper.move`."""
@@ -85,15 +86,23 @@ class Robotiq:
 
     def opening(self) -> float:
         """The distance between the pads, metres."""
-        share = (CLOSED - self._get("POS")) / (CLOSED - OPEN)
-        return self._max_opening * min(1.0, max(0.0, share))
+        share = min(1.0, max(0.0, (CLOSED - self._get("POS")) / (CLOSED - OPEN)))
+        arc, largest = self._hand.finger_arc, self._hand.max_opening
+        if arc is None:
+            return largest * share
+        closed, wide = arc.angle(0.0), arc.angle(largest)
+        return min(largest, max(0.0, arc.opening(closed + share * (wide - closed))))
 
     def holds(self) -> bool:
         """Whether something stopped the fingers while they closed."""
         return self._get("OBJ") == STOPPED_CLOSING
 
     def _position(self, opening: float) -> int:
-        share = min(1.0, max(0.0, opening / self._max_opening))
+        arc, largest = self._hand.finger_arc, self._hand.max_opening
+        share = min(1.0, max(0.0, opening / largest))
+        if arc is not None:
+            closed, wide = arc.angle(0.0), arc.angle(largest)
+            share = (arc.angle(share * largest) - closed) / (wide - closed)
         return round(CLOSED - share * (CLOSED - OPEN)) if opening > 0 else 255
 
     def _activate(self) -> None:

@@ -13,10 +13,10 @@ from neugrasp.geometry.surface import Surface
 from neugrasp.geometry.view_sets import view_set
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.robot.cell_file import CellFile
-from neugrasp.robot.collision import Tool
 from neugrasp.robot.errors import NoPlan, Refused, Unreachable
 from neugrasp.robot.limits import Fence
 from neugrasp.robot.motion import Motion
+from neugrasp.robot.tool import Tool
 from neugrasp.robot.tour import Stop, Tour
 
 CUBE_FACES = (
@@ -32,7 +32,9 @@ def planner_of(cell: CellFile) -> Motion:
     table = workspace.world_from_workspace @ rigid(translation=workspace.centre)
     hand = cell.gripper
     fence = Fence(cell.limits, cell.arm.model, cell.arm.world_from_base, hand.flange_from_tcp, table)
-    tool = Tool.of(hand.gripper, hand.flange_from_hand, [cell.camera.housing])
+    # The fingers of a simulated hand slide straight.
+    gripper = replace(hand.gripper, finger_arc=None) if cell.is_twin else hand.gripper
+    tool = Tool.of(gripper, hand.flange_from_hand, [cell.camera.housing])
     return Motion(fence, tool, cell.approach_speed)
 
 

@@ -136,9 +136,14 @@ def grasps_of(grasps: Sequence[Grasp], gripper: Gripper, given: Parameters) -> l
     Before the grasp the hand goes 5 cm along its approach, afterwards it goes back, or up after a grasp from
     the side; fingers open as far as they can, then close to the grasp's width.
     """
-    tcp_from_link = inverse(link_from_tcp(gripper, given.link))
     return [
-        _grasp(number, grasp, grasp.pose @ tcp_from_link, gripper, given)
+        _grasp(
+            number,
+            grasp,
+            grasp.pose @ inverse(link_from_tcp(gripper, given.link, grasp.width)),
+            gripper,
+            given,
+        )
         for number, grasp in enumerate(grasps)
     ]
 

@@ -19,13 +19,14 @@ BAR = 0.004
 
 def hand_mesh(gripper: Gripper, opening: float, has_palm: bool = True) -> Surface:
     """The hand in the grasp frame, its pads `opening` metres apart."""
-    finger_place = rigid(translation=(0, opening / 2, gripper.finger_mount))
+    setback = float(gripper.tip_setback(opening))
+    finger_place = rigid(translation=(0, opening / 2, gripper.finger_mount - setback))
     fingers = [apply(finger_place, hull) for hull in gripper.finger.hulls]
     parts = [*fingers, *(hull @ TURNED for hull in fingers)]
     if has_palm:
         parts += gripper.palm.hulls
     hand = joined([convex(part) for part in parts])
-    return hand.moved(rigid(translation=(0, 0, -gripper.tcp_height)))
+    return hand.moved(rigid(translation=(0, 0, setback - gripper.tcp_height)))
 
 
 def finger_mesh(gripper: Gripper, opening: float) -> Surface:
