@@ -197,7 +197,7 @@ def _folder() -> Any:
 
 def _gripper(fields: Fields) -> Gripper:
     fields.expect(FORMAT, VERSION)
-    fields.only((*LENGTHS, *FORCES, "format", "version", "name", "palm", "finger"))
+    fields.only((*LENGTHS, *FORCES, "format", "version", "name", "palm", "finger", "finger_arc"))
     if not fields.text("name"):
         raise fields.refuse("name", "must be a word")
     palm, finger = fields.inside("palm"), fields.inside("finger")
