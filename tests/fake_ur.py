@@ -2,7 +2,7 @@
 
 `python fake_ur.py ADDRESS` serves the published protocols on a loopback address. It prints "ready", then
 takes faults from its standard input, one word a line: `protective`, `emergency`, `silent` (it sends nothing
-more), `drop` (it closes all connections), `quit`. What it was told to do is printed: `servo` with six joints,
+more), `push` (something presses with 120 N), `drop` (it closes all connections), `quit`. What it was told to do is printed: `servo` with six joints,
 and `stop`. Nothing of physics is in it: joints are at once where they are sent.
 """
 
@@ -75,6 +75,7 @@ class Controller:
         self.numbers = dict.fromkeys(range(48), 0.0)
         self.status, self.robot_mode, self.safety_mode = 1, 7, 1
         self.silent = False
+        self.force = [0.0] * 6
         self.answer = 0
         self.began = time.monotonic()
         self.connections: list[socket.socket] = []
@@ -85,6 +86,7 @@ class Controller:
         known = {
             "actual_q": self.joints,
             "target_q": self.joints,
+            "actual_TCP_force": self.force,
             "timestamp": [time.monotonic() - self.began],
             "robot_mode": [self.robot_mode],
             "safety_mode": [self.safety_mode],
@@ -137,6 +139,8 @@ class Controller:
                 self.safety_mode, self.status = 3, 1
             elif word == "emergency":
                 self.safety_mode, self.status, self.robot_mode = 7, 1, 3
+            elif word == "push":
+                self.force = [0.0, 0.0, -120.0, 0.0, 0.0, 0.0]
             elif word == "silent":
                 self.silent = True
             elif word == "drop":

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from ray_traced import Room, photo
+from ray_traced import Room, photo, view_of
 from scipy import ndimage
 
 from neugrasp.doctor.capture import Capture
 from neugrasp.doctor.examination import examine
 from neugrasp.doctor.findings import Level
 from neugrasp.doctor.light import different, drift_of
+from neugrasp.doctor.light_checks import check_light
 from neugrasp.doctor.registration import shift_between
 from neugrasp.doctor.table import mean_correlation, table_pictures
 from neugrasp.doctor.table_crop import TableCrop, grey, table_crops
@@ -113,3 +114,17 @@ def test_the_order_of_the_views_changes_no_verdict(good: Views):
     assert turned.level == Level.GREEN
     straight = examine(Capture.of(good))
     assert [f.item for f in turned.findings] == [f.item for f in straight.findings]
+
+
+def test_long_shadows_of_a_low_lamp_are_no_change_around_the_cube_and_a_hand_there_is_one(good: Views):
+    """The shadows reach out of the photo; a dark hand beside the cube stays seen, also in their light."""
+
+    def around(hand: tuple[float, float] | None) -> Level:
+        low = Room(lamp=(0.75, -0.5, 0.42), hand=hand)
+        empty = replace(low, hand=None)
+        frames = tuple(view_of(view.camera, low, empty) for view in good.frames)
+        found = check_light(table_crops(replace(good, frames=frames)))
+        return next(finding.level for finding in found if finding.item == "around the cube")
+
+    assert around(None) == Level.GREEN
+    assert around((0.42, 0.15)) != Level.GREEN

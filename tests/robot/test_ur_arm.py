@@ -15,7 +15,14 @@ import numpy as np
 import pytest
 
 from fake_hardware import FakeUr
-from neugrasp.robot.errors import ConnectionLost, EmergencyStop, ProtectiveStop, RobotError, Stopped
+from neugrasp.robot.errors import (
+    ConnectionLost,
+    EmergencyStop,
+    ForceLimit,
+    ProtectiveStop,
+    RobotError,
+    Stopped,
+)
 from neugrasp.robot.limits import Guarded
 from neugrasp.robot.trajectory import Trajectory
 from neugrasp.robot.ur_arm import UrArm
@@ -43,7 +50,7 @@ def motion(seconds: float) -> Trajectory:
 
 
 def test_a_motion_arrives_as_it_was_planned(fake: FakeUr):
-    with UrArm(fake.address) as arm:
+    with UrArm(fake.address, 100.0) as arm:
         np.testing.assert_allclose(arm.state().joints, HOME, atol=1e-5)
         assert arm.execute(motion(0.5), until_contact=True, timeout_s=5) is False
         np.testing.assert_allclose(arm.state().joints, motion(0.5).joints[-1], atol=1e-5)
@@ -56,6 +63,7 @@ def test_a_motion_arrives_as_it_was_planned(fake: FakeUr):
 @pytest.mark.parametrize(
     ("word", "error"),
     [
+        ("push", ForceLimit),
         ("protective", ProtectiveStop),
         ("emergency", EmergencyStop),
         ("silent", ConnectionLost),
@@ -73,7 +81,7 @@ def test_a_fault_ends_the_motion_and_nothing_moves_afterwards(
         told.append(time.monotonic())
         fake.fault(word)
 
-    with UrArm(fake.address) as arm:
+    with UrArm(fake.address, 100.0) as arm:
         guarded = Guarded(arm, planner_of(CELL).fence)
         threading.Thread(target=disturb).start()
         with pytest.raises(error):
@@ -87,7 +95,7 @@ def test_a_fault_ends_the_motion_and_nothing_moves_afterwards(
 
 
 def test_a_stop_from_another_thread_ends_the_motion(fake: FakeUr):
-    with UrArm(fake.address) as arm:
+    with UrArm(fake.address, 100.0) as arm:
         timer = threading.Timer(0.3, arm.stop)
         timer.start()
         began = time.monotonic()
@@ -100,4 +108,13 @@ def test_a_stop_from_another_thread_ends_the_motion(fake: FakeUr):
 
 def test_where_there_is_no_controller_that_is_said():
     with pytest.raises(ConnectionLost, match=r"127\.0\.1\.9: no UR controller that takes commands"):
-        UrArm("127.0.1.9")
+        UrArm("127.0.1.9", 100.0)
+
+
+def test_a_contact_is_no_excess_of_force(fake: FakeUr):
+    """The stand-in presses with 120 N: a contact where 200 N are allowed."""
+    with UrArm(fake.address, 200.0) as arm:
+        timer = threading.Timer(0.3, fake.fault, args=["push"])
+        timer.start()
+        assert arm.execute(motion(20), until_contact=True, timeout_s=60) is True
+        timer.join()

@@ -24,6 +24,18 @@ DIFFERENT = 0.06
 """Displayed difference, of 1, that an eye sees as something else."""
 
 
+TINTED = 1.0
+"""Stops by which a shadow may darken one colour more than another: the lamps of a room differ in colour."""
+DEEPEST = 2.5
+"""Stops that a shadow darkens at the most: other lamps, and walls, light a room, too."""
+UNEVEN = 0.25
+"""Stops by which the darkening may vary within a few pixels: a shadow keeps the pattern that it lies on."""
+PATCH = 7
+"""Pixels, edge."""
+SHADE_FLOOR = 0.01
+"""Of 1, linear; added before logarithms, so that noise in black pixels has no colour."""
+
+
 @dataclass(frozen=True)
 class Drift:
     """Light of the image over light of the background where both show the same, in stops (EV)."""
@@ -76,6 +88,17 @@ def different(crop: TableCrop, drift: Drift) -> Mask:
     # A blur is linear, so that of the difference is enough.
     difference = np.abs(_smooth(crop.image - drift.corrected(crop.background)))
     return np.asarray(over_channels(np.maximum, difference) > DIFFERENT)
+
+
+def shaded(crop: TableCrop, drift: Drift) -> Mask:
+    """(h, w): where the photo shows what the background shows, in less light: a shadow, or nothing at all."""
+    now, before = linear(_smooth(crop.image)), linear(_smooth(drift.corrected(crop.background)))
+    stops = np.log2((now + SHADE_FLOOR) / (before + SHADE_FLOOR))
+    tint = over_channels(np.maximum, stops) - over_channels(np.minimum, stops)
+    mean = stops.mean(axis=-1)
+    local = ndimage.uniform_filter(mean, PATCH)
+    varies = np.sqrt(np.maximum(ndimage.uniform_filter(mean**2, PATCH) - local**2, 0))
+    return np.asarray((mean < 0) & (mean > -DEEPEST) & (tint < TINTED) & (varies < UNEVEN))
 
 
 def over_channels(least_or_most: np.ufunc, picture: Array | Plane) -> Array:

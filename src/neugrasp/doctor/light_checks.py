@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from neugrasp.doctor.findings import Finding, Level, Limits, Problem, green, judged, not_measured
-from neugrasp.doctor.light import Drift, different, drift_of, over_channels
+from neugrasp.doctor.light import Drift, different, drift_of, over_channels, shaded
 from neugrasp.doctor.messages import (
     BLURRED,
     CHANGED_OUTSIDE,
@@ -81,15 +81,20 @@ def check_light(crops: Sequence[TableCrop]) -> list[Finding]:
         drift("light", lambda d: d.slope, SLOPE_LIMITS, LIGHT_MOVED),
     ]
     masks = [different(crop, one) for crop, one in zip(crops, drifts, strict=True)]
-    return [*findings, *_changes(crops, masks, comparable)]
+    shades = [shaded(crop, one) for crop, one in zip(crops, drifts, strict=True)]
+    return [*findings, *_changes(crops, masks, shades, comparable)]
 
 
-def _changes(crops: Sequence[TableCrop], masks: Sequence[Mask], comparable: Sequence[int]) -> list[Finding]:
+def _changes(
+    crops: Sequence[TableCrop], masks: Sequence[Mask], shades: Sequence[Mask], comparable: Sequence[int]
+) -> list[Finding]:
     """What differs outside of the cube, and inside."""
     around = [_around(crop) for crop in crops]
     outside = [
-        100 * _foreign(mask, crops[i].inside, zone) if i in comparable and zone.mean() > LEAST_AROUND else 0.0
-        for i, (mask, zone) in enumerate(zip(masks, around, strict=True))
+        100 * _foreign(masks[i], shades[i], crops[i].inside, zone)
+        if i in comparable and zone.mean() > LEAST_AROUND
+        else 0.0
+        for i, zone in enumerate(around)
     ]
     findings = [judged("around the cube", outside, OUTSIDE_LIMITS, "% changed", CHANGED_OUTSIDE, 1)]
     inside = [100 * float(m[s.inside].mean()) for m, s in zip(masks, crops, strict=True) if s.inside.any()]
@@ -102,8 +107,14 @@ def _changes(crops: Sequence[TableCrop], masks: Sequence[Mask], comparable: Sequ
     return findings
 
 
-def _foreign(mask: Mask, inside: Mask, zone: Mask) -> float:
-    """The share of what lies around the cube that changed, without the shadows that reach out of it."""
+def _foreign(mask: Mask, shade: Mask, inside: Mask, zone: Mask) -> float:
+    """The share of what lies around the cube that changed, without the shadows that reach out of it: those of
+    a low lamp are longer than the objects, and are known by their shade and by where they begin."""
+    labels, count = ndimage.label(mask)
+    begins_in_cube = np.asarray(
+        ndimage.maximum(inside & ~shade, labels, np.arange(count + 1)), dtype=np.bool_
+    )
+    mask = mask & ~(shade & begins_in_cube[labels])
     labels, count = ndimage.label(mask)
     if float(mask[zone].mean()) > EVERYWHERE or count == 0:
         return float(mask[zone].mean())

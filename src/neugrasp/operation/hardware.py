@@ -53,7 +53,9 @@ def opened(cell: CellFile, attendants: Sequence[Attendant] = ()) -> Iterator[Har
     with ExitStack() as closing:
         sensor = closing.enter_context(_sensor(cell))
         gripper = closing.enter_context(Robotiq(cell.gripper.address, cell.gripper.gripper))
-        guarded = closing.enter_context(Guarded(closing.enter_context(UrArm(cell.arm.address)), motion.fence))
+        guarded = closing.enter_context(
+            Guarded(closing.enter_context(UrArm(cell.arm.address, cell.limits.force)), motion.fence)
+        )
         arm = AttendedArm(guarded, *attendants)
         _go_home(arm, cell, motion)
         places = Places(cell.out_of_sight, cell.drop, cell.gripper.force)

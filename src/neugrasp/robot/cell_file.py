@@ -24,6 +24,7 @@ from neugrasp.importers.distortion import Lens
 from neugrasp.importers.resampling import full_rectangle, is_inside
 from neugrasp.robot.arm_model import ARMS, JOINTS, ArmModel, arm_model
 from neugrasp.robot.limits import Box, Limits
+from neugrasp.robot.robotiq import FORCES
 from neugrasp.robot.trajectory import Pace
 
 FORMAT, VERSION = "neugrasp-cell", 1
@@ -197,7 +198,8 @@ def _gripper(fields: Fields) -> GripperPart:
     driver, name = fields.text("driver", GRIPPER_DRIVERS), fields.text("model")
     beside = Path(fields.source).parent / name
     gripper = Gripper.load(beside if name.endswith(".json") else name)
-    force = fields.number("force", 5, 250, "N")
+    low, high = FORCES if driver == "robotiq" else (5.0, 250.0)
+    force = fields.number("force", low, high, "N")
     address = _address(fields, driver, True)
     return GripperPart(driver, name, gripper, address, force, _pose(fields, "flange_from_hand", ON_FLANGE))
 

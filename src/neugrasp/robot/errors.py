@@ -17,6 +17,10 @@ class ProtectiveStop(RobotError):
     """The controller stopped the arm: it felt a force or met a limit of its own."""
 
 
+class ForceLimit(RobotError):
+    """The arm pressed against something harder than the cell file allows, and was stopped."""
+
+
 class EmergencyStop(RobotError):
     """Somebody pressed the button."""
 

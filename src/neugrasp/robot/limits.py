@@ -67,7 +67,7 @@ class Limits:
     keep_out: tuple[Box, ...] = ()
     """Where no part of the arm and no finger may be, world frame."""
     force: float = 100.0
-    """Newton at the TCP from which a controller stops the arm."""
+    """Newton by which the force at the TCP may change in a motion; the driver ends it there."""
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 The library holds the interpreter while it connects, and may crash while a connection is lost; whoever drives
 the arm (`robot.ur_arm`) must outlive both. A motion is streamed at 125 Hz as targets of the joints
 (`servoJ`), so that the arm does exactly what was planned and looked at. At every target the driver looks
-at the controller: a protective or emergency stop, old news or a lost connection end the motion, and the arm
+at the controller: a force beyond the cell file's, a protective or emergency stop, old news or a lost connection end the motion, and the arm
 stands still by the controller's own doing.
 """
 
@@ -21,6 +21,7 @@ from neugrasp.geometry.pose import Array
 from neugrasp.robot.errors import (
     ConnectionLost,
     EmergencyStop,
+    ForceLimit,
     MotionTimeout,
     ProtectiveStop,
     RobotError,
@@ -50,8 +51,8 @@ SETTLING_S = 3.0
 class Controller:
     """The controller at an address."""
 
-    def __init__(self, address: str):
-        """Raises `MissingExtra`, or `ConnectionLost` where there is no controller that takes commands."""
+    def __init__(self, address: str, force_limit: float):
+        """`force_limit` is the change of the force at the TCP, newton, at which a motion is ended. Raises `MissingExtra`, or `ConnectionLost` where there is no controller that takes commands."""
         rtde_receive, rtde_control = (
             require(name, extra="robot") for name in ("rtde_receive", "rtde_control")
         )
@@ -63,7 +64,7 @@ class Controller:
                 f"{address}: no UR controller that takes commands ({error}); is it on, released "
                 "and in remote control?"
             ) from error
-        self._address = address
+        self._address, self._force_limit = address, force_limit
         self._last, self._seen = -1.0, time.monotonic()
 
     def close(self) -> None:
@@ -93,7 +94,13 @@ class Controller:
             for target, moment in self._targets(motion):
                 self._wait_until(began + moment)
                 self._send(target, deadline, is_stopped)
-                if until_contact and float(np.linalg.norm(self._force() - force)) > CONTACT_N:
+                change = float(np.linalg.norm(self._force() - force))
+                if change > self._force_limit:
+                    raise ForceLimit(
+                        f"{self._address}: the force at the TCP changed by {change:.0f} N; "
+                        f"{self._force_limit:g} N allowed"
+                    )
+                if until_contact and change > CONTACT_N:
                     return True
             self._arrive(motion.joints[-1], deadline, is_stopped)
             return False
@@ -164,10 +171,10 @@ class Controller:
             raise RobotError(f"{self._address}: the program on the controller has ended")
 
 
-def serve(address: str, asked: Connection, stops: Connection) -> None:
+def serve(address: str, force_limit: float, asked: Connection, stops: Connection) -> None:
     """The life of the process: does what comes in, one after the other, and answers; ends with its parent."""
     try:
-        controller = Controller(address)
+        controller = Controller(address, force_limit)
     except NeuGraspError as error:
         asked.send((type(error).__name__, str(error)))
         return
