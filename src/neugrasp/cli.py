@@ -26,7 +26,7 @@ from neugrasp.evaluation.commands import Compare, Evaluate, Failures, InspectEpi
 from neugrasp.exporters.command import Export
 from neugrasp.figures.command import Figure
 from neugrasp.importers.command import Import, PrintBoard
-from neugrasp.operation.command import Calibrate, Capture, Cell, Run
+from neugrasp.operation.command import Calibrate, Capture, Cell, Collect, Run
 from neugrasp.report.command import Predict
 from neugrasp.ros.command import Ros
 from neugrasp.server.command import Serve
@@ -89,6 +89,7 @@ COMMANDS: dict[str, Command] = {
     "run": Command(_positional(Run), "operation.run:run"),
     "cell": Command(_positional(Cell), "operation.check:run"),
     "capture": Command(_positional(Capture), "operation.capture:run"),
+    "collect": Command(Collect, "operation.collect:run"),
     "calibrate": Command(_positional(Calibrate), "operation.calibrate:run"),
     "board": Command(PrintBoard, "importers.board_page:run"),
     "export": Command(_positional(Export), "exporters.exporting:run"),

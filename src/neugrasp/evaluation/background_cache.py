@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
@@ -17,9 +18,11 @@ PAINTERS = ("blender*.py", "renderer.py", "textures.py")
 """The files of `simulation` that decide how a table looks."""
 
 
-def background_folder(cell: Cell, settings: RenderSettings) -> Path:
-    """The folder of a cell's backgrounds; another one as soon as the cell or the renderer is another."""
+def background_folder(cell: Cell, settings: RenderSettings, domain: Mapping[str, str]) -> Path:
+    """The folder of a cell's backgrounds; another one as soon as the cell, the renderer or the facts of a
+    domain are others."""
     described = {
+        **domain,
         "cameras": [camera_to_dict(camera) for camera in cell.cameras],
         "seed": cell.seed,
         "light": cell.light,

@@ -32,8 +32,11 @@ class Evaluate:
     """Which of the detected grasps is carried out; by default the protocol's."""
     rounds: int | None = None
     """Number of rounds: by default 200, or one for each object where it stands alone."""
+    domain: str = "training"
+    """training, or lab: another room, a camera that is a little wrong, slippery objects, the 2F-85; or parts
+    of it, as lab:lens+hand_eye (docs/benchmark.md)."""
     views: str = "released"
-    """Where the cameras stand: released, paper, ring6, hemisphere6 or training."""
+    """Where the cameras stand: released, paper, groups8, ring6, hemisphere6 or training."""
     protocol: str = "paper"
     """paper, vgn or graspnerf: what counts as a success, and out of what (docs/benchmark.md)."""
     weights: str = "neugrasp"

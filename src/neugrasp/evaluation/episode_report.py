@@ -30,9 +30,11 @@ from neugrasp.pictures.score_scale import colour_of_outcome
 from neugrasp.progress import counted
 from neugrasp.robot.pick import SUCCESS
 from neugrasp.simulation.cell_photos import SceneRenderer, backgrounds
+from neugrasp.simulation.domain_renderer import domain_renderer
+from neugrasp.simulation.lab import domain_of
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
-from neugrasp.simulation.renderer import Renderer, RenderSettings
+from neugrasp.simulation.renderer import RenderSettings
 from neugrasp.terminal import next_step
 
 WIDTH = 300
@@ -68,7 +70,8 @@ def write_episode_report(config: InspectEpisode, scene_renderer: SceneRenderer |
     with ExitStack() as closing:
         part = closing.enter_context(whole_file(out))
         if wants_photos and scene_renderer is None:
-            scene_renderer = closing.enter_context(Renderer(settings=_settings(facts)))
+            domain = domain_of(facts.get("domain", "training"))
+            scene_renderer = closing.enter_context(domain_renderer(domain, _settings(facts)))
         replay = _Replay(facts, library, scene_renderer if wants_photos else None)
         closing.enter_context(replay.world)
         fixed = replay.fixed(episode.index)
@@ -113,11 +116,11 @@ class _Replay:
     def _photos(self, fixed: Round, scene: Scene) -> list[View]:
         assert self._scene_renderer is not None
         cell = fixed.cell
-        empty = backgrounds(
-            cell, background_folder(cell, self._settings), self._scene_renderer, self._library
-        )
+        folder = background_folder(cell, self._settings, self._rounds.domain.facts())
+        empty = backgrounds(cell, folder, self._scene_renderer, self._library)
         photos = self._scene_renderer.render(cell, scene, self._library, range(cell.num_inputs))
-        return [View(c, p, b) for p, b, c in zip(photos, empty, cell.cameras, strict=False)]
+        views = [View(c, p, b) for p, b, c in zip(photos, empty, cell.cameras, strict=False)]
+        return [photo_of_workspace(view, self.world.workspace, WIDTH) for view in views]
 
     def _shapes(self, fixed: Round) -> list[View]:
         """Pictures from depth alone: one colour for each body, lit along the line of sight."""

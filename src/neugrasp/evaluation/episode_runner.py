@@ -6,7 +6,7 @@ import logging
 import time
 import traceback
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from neugrasp.baselines.depth_noise import NoisyDepth
@@ -33,7 +33,8 @@ from neugrasp.robot.tour import TouringCamera
 from neugrasp.robot.twin import TwinRobot
 from neugrasp.robot.workcell import moved_to, planner_of, tour_of
 from neugrasp.simulation.cell_photos import SceneRenderer, backgrounds
-from neugrasp.simulation.objects import ObjectLibrary, ObjectModel
+from neugrasp.simulation.lab import domain_of
+from neugrasp.simulation.objects import ObjectLibrary, OneFriction
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.renderer import RenderSettings
 from neugrasp.terminal import printable
@@ -45,17 +46,6 @@ def needs_scene_renderer(config: Evaluate) -> bool:
     """Whether anything has to be rendered for the detector."""
     observes = detector_spec(config.detector).observes
     return "image" in observes or (observes == DEPTH and config.depth == "stereo")
-
-
-@dataclass(frozen=True)
-class _SameFriction:
-    """A library whose objects all have one friction."""
-
-    library: ObjectLibrary
-    friction: float
-
-    def model(self, object_set: str, name: str) -> ObjectModel:
-        return replace(self.library.model(object_set, name), lateral_friction=self.friction)
 
 
 class EpisodeRunner:
@@ -80,9 +70,10 @@ class EpisodeRunner:
             config.views,
             self.rules.num_objects,
             split=config.split,
+            domain=domain_of(config.domain),
         )
-        friction = self.rules.object_friction
-        library = self._library if friction is None else _SameFriction(self._library, friction)
+        friction = self.rules.object_friction or self._rounds.domain.friction
+        library = self._library if friction is None else OneFriction(self._library, friction)
         self._spec = detector_spec(config.detector)
         workspace = workspace_of(self._spec.facts(config.options()))
         self.world = World(workspace, library, Gripper.load(config.gripper))
@@ -111,22 +102,26 @@ class EpisodeRunner:
         """Round `index`, or the rest of it; what goes wrong is raised. Attendants are told before an arm
         moves."""
         start = time.perf_counter()
-        fixed = self._rounds.make(index, self.world)
+        fixed = self.round(index)
         if log.begun is not None and log.begun.left is not None:
             fixed = replace(fixed, scene=scene_of(log.begun.left))
         arranged = time.perf_counter()
         truth = TruthCamera(self.world)
-        robot, table = self._robot(fixed, truth, attendants)
+        robot, table = self.robot(fixed, truth, attendants)
         prepared = time.perf_counter()
         ground_truth = SimulatedGroundTruth(table, truth)
         episode = declutter(self._episode_config, index, robot, self.detector, ground_truth, log)
         seconds = {"arrange": arranged - start, "prepare": prepared - arranged, **episode.timing_s}
         return replace(episode, scene_sha256=fixed.scene_sha256, timing_s=seconds)
 
-    def _robot(
+    def round(self, index: int) -> Round:
+        """What is fixed about round `index`; the world holds something else afterwards."""
+        return self._rounds.make(index, self.world)
+
+    def robot(
         self, fixed: Round, truth: TruthCamera, attendants: Sequence[Attendant] = ()
     ) -> tuple[Robot[Any], SimulatedRobot]:
-        """The floating hand, or the arm of a cell, and the table that it clears."""
+        """The floating hand, or the arm of a cell, and the table that it clears, as a round begins."""
         if self._cell is None:
             floating = SimulatedRobot(self.world, fixed.scene, self.rules.table_contact)
             return Robot(self._camera(fixed, floating, truth), floating, floating), floating
@@ -139,13 +134,13 @@ class EpisodeRunner:
 
     def capture(self, index: int) -> Any:
         """What the detector sees as round `index` begins; the world stands so afterwards."""
-        robot, _ = self._robot(self._rounds.make(index, self.world), TruthCamera(self.world))
+        robot, _ = self.robot(self.round(index), TruthCamera(self.world))
         return robot.camera.capture()
 
     def rehearse(self, index: int) -> Rehearsal:
         """What the arm would do first in round `index`; it does not move."""
-        fixed = self._rounds.make(index, self.world)
-        robot, _ = self._robot(fixed, TruthCamera(self.world))
+        fixed = self.round(index)
+        robot, _ = self.robot(fixed, TruthCamera(self.world))
         assert self._cell is not None
         assert isinstance(robot.camera, TouringCamera)
         detection = self.detector.detect(robot.camera.camera.capture())
@@ -166,7 +161,8 @@ class EpisodeRunner:
         noise = NoisyDepth(self.config.seed) if self.config.depth == "noisy" else None
         if "image" in observes:
             assert self._scene_renderer is not None
-            folder = background_folder(fixed.cell, RenderSettings(samples=self.config.samples))
+            settings, domain = RenderSettings(samples=self.config.samples), self._rounds.domain.facts()
+            folder = background_folder(fixed.cell, settings, domain)
             empty = backgrounds(fixed.cell, folder, self._scene_renderer, self._library)
             photos = PhotoCamera(
                 robot, fixed.cell, empty, self._scene_renderer, self._library, self.world.workspace

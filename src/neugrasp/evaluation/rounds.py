@@ -21,6 +21,8 @@ from neugrasp.geometry.view_sets import view_set
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.simulation.arrange import Choices, arrange
 from neugrasp.simulation.cell import sample_cell
+from neugrasp.simulation.domain import Domain
+from neugrasp.simulation.lab import DOMAINS, domain_of
 from neugrasp.simulation.materials import sample_materials
 from neugrasp.simulation.objects import KINDS, ObjectLibrary
 from neugrasp.simulation.physics import World
@@ -77,12 +79,13 @@ class Rounds:
     num_objects: int = 5
     image_size: int = 256
     split: str = "test"
+    domain: Domain = DOMAINS["training"]
 
     @classmethod
     def of_facts(cls, facts: Mapping[str, Any], library: ObjectLibrary) -> Rounds:
         """Those of an evaluation whose run.json says `facts`."""
-        split = facts.get("split", "test")
-        return cls(facts["scene"], facts["seed"], library, facts["materials"], facts["views"], split=split)
+        more = {"split": facts.get("split", "test"), "domain": domain_of(facts.get("domain", "training"))}
+        return cls(facts["scene"], facts["seed"], library, facts["materials"], facts["views"], **more)
 
     def make(self, index: int, world: World) -> Round:
         """Round `index`; `world` is used to lay it and holds something else afterwards."""
@@ -94,7 +97,8 @@ class Rounds:
         cropped = tuple(c.cropped_and_resized(workspace.photo_box(c), size, size) for c in sensors)
         seed = int(self._sequence("cell", index).generate_state(1)[0])
         cell = sample_cell(workspace, "released", seed, self.split, size=size, num_targets=0)
-        return Round(index, scene, replace(cell, cameras=cropped, num_inputs=len(cropped)), sensors)
+        cell = replace(cell, cameras=cropped, num_inputs=len(cropped))
+        return Round(index, scene, self.domain.cell(cell, sensors, workspace), sensors)
 
     def sensors(self, index: int, workspace: Workspace) -> tuple[Camera, ...]:
         """Where the cameras of round `index` stand, workspace frame."""

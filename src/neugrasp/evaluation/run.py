@@ -30,7 +30,9 @@ from neugrasp.model.compute import Compute
 from neugrasp.progress import reached
 from neugrasp.robot.cell_file import read_cell, text_hash
 from neugrasp.run_folder import CONTENTS, check_run_config, lock_folder, source_commit
+from neugrasp.simulation.domain_renderer import domain_renderer
 from neugrasp.simulation.infrared import PhotoAndInfrared, infrared_renderer
+from neugrasp.simulation.lab import domain_of
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.renderer import Renderer, RenderSettings
 from neugrasp.terminal import next_step
@@ -57,7 +59,7 @@ def evaluate(config: Evaluate, make_scene_renderer: MakeSceneRenderer | None = N
     Rounds that crashed are tried again. Raises `InputError` where an option cannot be used or the folder
     holds another evaluation, `NeuGraspError` where the disk refuses or a worker was killed.
     """
-    config = with_cell(config)
+    config = with_cell(with_domain(config))
     facts, wanted = _checked(config)
     with lock_folder(config.out, "evaluate"):
         check_run_config(config.out / "run.json", facts, "evaluation", young=CONTENTS)
@@ -72,6 +74,17 @@ def evaluate(config: Evaluate, make_scene_renderer: MakeSceneRenderer | None = N
                 write_episode(round_file(config.out, episode.index), episode)
                 progress.add(episode)
         return _write(config, facts, [read_episode(path) for path in files])
+
+
+def with_domain(config: Evaluate) -> Evaluate:
+    """The evaluation with the gripper of its domain, where it asks for no other. Raises `InputError` where
+    there is no such domain, or it has no such depth."""
+    domain = domain_of(config.domain)
+    if domain.facts() and "depth" in detector_spec(config.detector).observes:
+        raise InputError(f"--domain {config.domain}: has photos; {config.detector} needs depth")
+    if domain.gripper is None or config.gripper != Evaluate.gripper or config.cell is not None:
+        return config
+    return replace(config, gripper=domain.gripper)
 
 
 def with_cell(config: Evaluate) -> Evaluate:
@@ -101,7 +114,9 @@ def round_file(out: Path, index: int) -> Path:
 
 def photographer_for(config: Evaluate) -> MakeSceneRenderer:
     """What renders for the detector of an evaluation."""
-    settings = RenderSettings(samples=config.samples)
+    settings, domain = RenderSettings(samples=config.samples), domain_of(config.domain)
+    if domain.facts():
+        return partial(domain_renderer, domain, settings)
     if config.depth != "stereo":
         return partial(Renderer, settings=settings)
     only_depth = detector_spec(config.detector).observes == DEPTH
@@ -147,6 +162,7 @@ def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
         "objects_sha256": hashlib.sha256(json.dumps(choices).encode()).hexdigest(),
         "objects_content_sha256": library.content_hash(choices),
         **spec.facts(config.options()),
+        **domain_of(config.domain).facts(),
         **({"cell_sha256": text_hash(config.cell)} if config.cell is not None else {}),
         # Only where it is not the usual one: evaluations of before it was an option go on.
         **({"precision": config.precision} if config.precision != "float32" else {}),

@@ -52,12 +52,12 @@ def _rounds(
     config: Evaluate, make_scene_renderer: MakeSceneRenderer, threads: int
 ) -> Iterator[Callable[[int], Episode]]:
     """What plays a round of a number."""
-    with _one_thread(), open_runner(config, make_scene_renderer, threads) as runner:
+    with one_thread(), open_runner(config, make_scene_renderer, threads) as runner:
         yield runner.play
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
+def one_thread() -> Iterator[None]:
     """One thread for the networks, in every worker: sums come out the same however many share the work."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)

@@ -44,6 +44,12 @@ def released(workspace: Workspace, rng: np.random.Generator) -> list[Camera]:
     return _arc(workspace, 0.5, [45, 35, 25, 15], [240, 260, 280, 300])
 
 
+def groups8(workspace: Workspace, rng: np.random.Generator) -> list[Camera]:
+    """The real scenes of the released code: `released`, and as many on the same arc, 120 degrees on."""
+    second = _arc(workspace, 0.5, [45, 35, 25, 15], [0, 20, 40, 60])
+    return [*released(workspace, rng), *second]
+
+
 def paper(workspace: Workspace, rng: np.random.Generator) -> list[Camera]:
     """The paper's text: 4 views, polar U(15, 22.5) deg, spread over 60 deg of azimuth, r U(0.4, 0.5)."""
     start = rng.uniform(0, 360)
@@ -109,6 +115,7 @@ VIEW_SETS: dict[str, Callable[[Workspace, np.random.Generator], list[Camera]]] =
     "paper": paper,
     "released": released,
     "training": training,
+    "groups8": groups8,
     "ring6": ring6,
     "hemisphere6": hemisphere6,
 }

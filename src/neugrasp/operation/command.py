@@ -103,3 +103,38 @@ class Cell:
     """check: its places, its views, and the ways between them."""
     cell: Path
     """The cell file (docs/robot.md)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Collect:
+    """Makes a set for `train --recipe adapt`: photos of a cell, and what came of grasps there. Goes on where
+    it stopped."""
+
+    doing: ClassVar[str] = "laying scenes, looking at them and trying grasps"
+
+    out: Path
+    """The data folder: scenes/ with photos and tried grasps, without depth or truth."""
+    scenes: int = 40
+    """Number of scenes in the folder when done."""
+    grasps: int = 20
+    """Tried in a scene, at most: the model's picks, and where these are fewer, others beside them."""
+    domain: str = "lab"
+    """Where a floating hand tries them, as in `evaluate`."""
+    cell: Path | None = None
+    """A cell file: its arm tries the grasps instead."""
+    scene: Literal["both", "packed", "pile"] = "both"
+    """How simulated objects lie; both: by turns."""
+    materials: Literal["mixed", "transparent-specular", "diffuse", "specular", "transparent"] = "mixed"
+    """What they are made of."""
+    detector: str = "neugrasp"
+    """Whose picks are tried, as in `neugrasp evaluate`."""
+    weights: str = "neugrasp"
+    """Its weights: a name of bundled ones, or a file."""
+    threshold: float = 0.3
+    """Score from which grasps are tried; lower than where one would clear a table: failures teach, too."""
+    samples: int = 4
+    """Of a pixel of the photos, in simulation: a power of two."""
+    seed: int = 0
+    """The same seed gives the same scenes and grasps."""
+    device: str = "cpu"
+    """Where the detector computes: cpu, cuda, cuda:1."""

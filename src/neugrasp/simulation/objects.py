@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Protocol
@@ -197,3 +197,15 @@ class ObjectLibrary:
                 f"no objects for {split} scenes of kind {kind!r} in {[s.name for s in self.sets]}"
             )
         return found
+
+
+@dataclass(frozen=True)
+class OneFriction:
+    """A library whose objects all have one friction."""
+
+    library: ObjectLibrary
+    friction: float
+
+    def model(self, object_set: str, name: str) -> ObjectModel:
+        """One object. Raises `InputError` as that of the library."""
+        return replace(self.library.model(object_set, name), lateral_friction=self.friction)
