@@ -2,8 +2,9 @@
 
 `python fake_ur.py ADDRESS` serves the published protocols on a loopback address. It prints "ready", then
 takes faults from its standard input, one word a line: `protective`, `emergency`, `silent` (it sends nothing
-more), `push` (something presses with 120 N), `drop` (it closes all connections), `quit`. What it was told to do is printed: `servo` with six joints,
-and `stop`. Nothing of physics is in it: joints are at once where they are sent.
+more), `push` (something presses with 120 N), `drop` (it closes all connections), `led` with six joints (a
+person moves it), `quit`. What it was told to do is printed: `servo` with six joints, and `stop`. Nothing of
+physics is in it: joints are at once where they are sent.
 """
 
 from __future__ import annotations
@@ -146,6 +147,8 @@ class Controller:
             elif word == "drop":
                 for connection in self.connections:
                     connection.close()
+            elif word.startswith("led"):
+                self.joints = [float(x) for x in word.split()[1:]]
 
 
 controller = Controller()

@@ -3,67 +3,46 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from neugrasp.data.captures import write_capture
 from neugrasp.data.labels import LABELS_FILE, labels_from_bytes
-from neugrasp.detection.contract import Detector
-from neugrasp.detection.registry import photo_detector
+from neugrasp.detection.options import DetectorOptions
+from neugrasp.detection.registry import detector_spec, photo_detector
 from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Evaluate
-from neugrasp.evaluation.episode_runner import EpisodeRunner
 from neugrasp.evaluation.run import facts_of_rounds, photographer_for, with_cell, with_domain
 from neugrasp.evaluation.workers import MakeSceneRenderer, one_thread
 from neugrasp.execution import MIN_OPENING
 from neugrasp.geometry.pose import Array, rigid, rotation_about
 from neugrasp.grasp import Grasp, Grasps
-from neugrasp.gripper import Gripper
 from neugrasp.observation import Views
+from neugrasp.operation.collection_scenes import CellScenes, Scenes, simulated_scenes
 from neugrasp.operation.command import Collect
+from neugrasp.operation.guiding import Guide, lead_through
+from neugrasp.operation.hardware import empty_folder, opened
+from neugrasp.operation.person import Person
+from neugrasp.operation.run import checked_cell
 from neugrasp.operation.tried import Tried, labels_of
 from neugrasp.progress import reached
+from neugrasp.robot.cell_file import CellFile, text_hash
 from neugrasp.robot.errors import NoPlan, Refused
 from neugrasp.robot.interface import Robot
 from neugrasp.robot.pick import pick
-from neugrasp.robot.simulated_cameras import TruthCamera
+from neugrasp.robot.wrist_camera import Photographs, read_empty
 from neugrasp.run_folder import check_run_config, lock_folder
 from neugrasp.terminal import next_step
 from neugrasp.training.prepared import FEWEST_IN_GROUPS
 
 log = logging.getLogger(__name__)
 
-THREADS = 2
-"""That render the photos."""
 ASIDE, TURN = 0.012, np.pi / 4
 """Metres along each axis, and radians about the approach, by which a grasp lies beside a pick, at most."""
-
-
-class Scenes(Protocol):
-    """Where scenes are laid, looked at and grasped in."""
-
-    @property
-    def gripper(self) -> Gripper:
-        """The hand that tries."""
-        ...
-
-    @property
-    def detector(self) -> Detector[Views]:
-        """Whose picks are tried."""
-        ...
-
-    def lay(self, number: int) -> Robot[Views]:
-        """The robot before scene `number`."""
-        ...
-
-    def again(self) -> Robot[Views] | None:
-        """The robot before the same scene, as it was photographed; None where it is no more."""
-        ...
 
 
 def run(config: Collect) -> str:
@@ -80,24 +59,62 @@ def run(config: Collect) -> str:
 def collect(config: Collect, make_scene_renderer: MakeSceneRenderer | None = None) -> list[Path]:
     """Makes the scenes that `config.out` does not hold yet; the folders of all, in order.
 
-    Raises `InputError` where an option cannot be used, or the folder holds another set.
+    Raises `InputError` where an option cannot be used, or the folder holds another set, and a `RobotError`
+    where an arm has a fault or a person ends it; what was done until then is kept.
     """
     if min(config.scenes, config.grasps) < 1:
         raise InputError("--scenes and --grasps must be at least 1")
     photo_detector(config.detector, "a collection")
-    asked = [_rounds(config, kind) for kind in _kinds(config)]
-    facts = {"grasps": config.grasps, "kinds": [facts_of_rounds(one) for one in asked]}
+    cell = None if config.cell is None else checked_cell(config.cell, config.speed)
+    is_real = cell is not None and not cell.is_twin
+    if config.by_hand and not is_real:
+        raise InputError("--by-hand: a person leads an arm; give the file of a real cell as --cell")
+    asked = [] if is_real else [_rounds(config, kind) for kind in _kinds(config)]
     folders = [config.out / "scenes" / f"{number:06d}" for number in range(config.scenes)]
     with lock_folder(config.out, "collect"):
-        check_run_config(config.out / "collection.json", facts, "collection")
+        facts = _facts(config) if is_real else {"kinds": [facts_of_rounds(one) for one in asked]}
+        check_run_config(config.out / "collection.json", {"grasps": config.grasps, **facts}, "collection")
         missing = [number for number, f in enumerate(folders) if not (f / LABELS_FILE).is_file()]
         reached("scenes", len(folders) - len(missing), len(folders))
-        if missing:
+        if missing and cell is not None and is_real:
+            _collect_real(config, cell, {number: folders[number] for number in missing})
+        elif missing:
             make = make_scene_renderer or photographer_for(asked[0])
-            with one_thread(), _simulated(asked, make) as scenes:
+            with one_thread(), simulated_scenes(asked, make) as scenes:
                 for number in missing:
                     _collect_one(scenes, number, folders[number], config)
     return folders
+
+
+def _collect_real(config: Collect, cell: CellFile, folders: Mapping[int, Path]) -> None:
+    """The model's picks, or those of a person, on a real table."""
+    person = Person()
+    empty = read_empty(empty_folder(cell), cell.camera.camera)
+    options = DetectorOptions(
+        weights=config.weights,
+        threshold=config.threshold,
+        gripper=cell.gripper.model,
+        seed=config.seed,
+        device=config.device,
+    )
+    detector = None if config.by_hand else detector_spec(config.detector).load(options)
+    with opened(cell) as hardware:
+        if detector is None:
+            lead_through(folders, Guide(cell, hardware, Photographs(hardware.camera, empty), person))
+            return
+        scenes = CellScenes(hardware, empty, detector, person)
+        for number, folder in folders.items():
+            _collect_one(scenes, number, folder, config)
+
+
+def _facts(config: Collect) -> dict[str, Any]:
+    """What a set of a real cell depends on."""
+    assert config.cell is not None
+    cell = {"cell_sha256": text_hash(config.cell)}
+    if config.by_hand:
+        return {**cell, "by_hand": True}
+    options = DetectorOptions(weights=config.weights, threshold=config.threshold)
+    return {**cell, "detector": config.detector, **detector_spec(config.detector).facts(options)}
 
 
 def _kinds(config: Collect) -> Sequence[Any]:
@@ -127,9 +144,7 @@ def _rounds(config: Collect, kind: Any) -> Evaluate:
 def _collect_one(scenes: Scenes, number: int, folder: Path, config: Collect) -> None:
     """Looks at a scene, tries grasps in it, and writes both."""
     rng = np.random.default_rng([config.seed, number])
-    robot: Robot[Views] | None = scenes.lay(number)
-    assert robot is not None
-    views = robot.camera.capture()
+    robot, views = _seen(scenes, number)
     up: Array = views.workspace.world_from_workspace[:3, 2]
     detection = scenes.detector.detect(seen_first(views))
     tried: list[Tried] = []
@@ -153,6 +168,15 @@ def _collect_one(scenes: Scenes, number: int, folder: Path, config: Collect) -> 
     )
 
 
+def _seen(scenes: Scenes, number: int) -> tuple[Robot[Views] | None, Views]:
+    """The robot before a scene in which something lies, and the photos."""
+    while True:
+        robot = scenes.lay(number)
+        views = robot.camera.capture()
+        if robot.table.count():
+            return robot, views
+
+
 def wanted(picks: Grasps, most: int, rng: np.random.Generator) -> list[Grasp]:
     """So many of the picks, drawn by chance; where these are fewer, picks moved and turned by chance, too."""
     if not len(picks):
@@ -174,42 +198,3 @@ def seen_first(views: Views) -> Views:
     """What the detector sees: the first of the two groups that training makes of many views."""
     count = len(views)
     return replace(views, frames=views.frames[: (count + 1) // 2]) if count >= FEWEST_IN_GROUPS else views
-
-
-class SimulatedScenes:
-    """The beginnings of rounds, as often as they are wanted."""
-
-    def __init__(self, runners: Sequence[EpisodeRunner]):
-        self._runners = runners
-        self._at = runners[0], runners[0].round(0)
-
-    @property
-    def gripper(self) -> Gripper:
-        """The hand that tries."""
-        return self._runners[0].world.gripper
-
-    @property
-    def detector(self) -> Detector[Views]:
-        """Whose picks are tried."""
-        return self._runners[0].detector
-
-    def lay(self, number: int) -> Robot[Views]:
-        """As `Scenes.lay`; the runners take turns."""
-        runner = self._runners[number % len(self._runners)]
-        self._at = runner, runner.round(number)
-        return self.again()
-
-    def again(self) -> Robot[Views]:
-        """As `Scenes.again`."""
-        runner, fixed = self._at
-        return runner.robot(fixed, TruthCamera(runner.world))[0]
-
-
-@contextmanager
-def _simulated(asked: Sequence[Evaluate], make: MakeSceneRenderer) -> Iterator[SimulatedScenes]:
-    with ExitStack() as closing:
-        scene_renderer = closing.enter_context(make(THREADS))
-        runners = [EpisodeRunner(one, scene_renderer) for one in asked]
-        for runner in runners:
-            closing.enter_context(runner.world)
-        yield SimulatedScenes(runners)

@@ -121,7 +121,12 @@ class Collect:
     domain: str = "lab"
     """Where a floating hand tries them, as in `evaluate`."""
     cell: Path | None = None
-    """A cell file: its arm tries the grasps instead."""
+    """A cell file: its arm tries the grasps instead; a real table loses what was picked, and each pick is a
+    scene."""
+    by_hand: bool = False
+    """A person leads a real arm to the grasps, and Enter closes the gripper."""
+    speed: float = 1.0
+    """Share of the cell's limits at which the arm moves, above 0 to 1."""
     scene: Literal["both", "packed", "pile"] = "both"
     """How simulated objects lie; both: by turns."""
     materials: Literal["mixed", "transparent-specular", "diffuse", "specular", "transparent"] = "mixed"

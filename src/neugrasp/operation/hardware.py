@@ -13,7 +13,7 @@ from neugrasp.robot.arm_hand import OUT_OF_SIGHT, ArmHand, Places
 from neugrasp.robot.attended import Attendant, AttendedArm, AttendedGripper, AttendedManipulator
 from neugrasp.robot.cell_file import CellFile
 from neugrasp.robot.errors import LimitExceeded
-from neugrasp.robot.interface import Arm, Manipulator, Sensor
+from neugrasp.robot.interface import Arm, Gripper, Manipulator, Sensor
 from neugrasp.robot.limits import Guarded
 from neugrasp.robot.motion import Motion
 from neugrasp.robot.opencv_camera import OpenCvCamera
@@ -35,6 +35,10 @@ class Hardware:
     arm: Arm
     manipulator: Manipulator
     camera: WristCamera
+    gripper: Gripper
+    motion: Motion
+    led: Guarded
+    """The same arm, for a person who leads it."""
 
 
 def empty_folder(cell: CellFile) -> Path:
@@ -57,12 +61,13 @@ def opened(cell: CellFile, attendants: Sequence[Attendant] = ()) -> Iterator[Har
             Guarded(closing.enter_context(UrArm(cell.arm.address, cell.limits.force)), motion.fence)
         )
         arm = AttendedArm(guarded, *attendants)
-        _go_home(arm, cell, motion)
+        go_home(arm, cell, motion)
         places = Places(cell.out_of_sight, cell.drop, cell.gripper.force)
         fingers = AttendedGripper(gripper, *attendants)
         hand = ArmHand(arm, fingers, motion, places, rest=_nothing)
         manipulator = AttendedManipulator(hand, *attendants)
-        yield Hardware(arm, manipulator, WristCamera(arm, sensor, tour, cell))
+        camera = WristCamera(arm, sensor, tour, cell)
+        yield Hardware(arm, manipulator, camera, fingers, motion, guarded)
 
 
 def _sensor(cell: CellFile) -> Sensor:
@@ -71,7 +76,7 @@ def _sensor(cell: CellFile) -> Sensor:
     return driver(part.address, part.lens, part.exposure_us)
 
 
-def _go_home(arm: Arm, cell: CellFile, motion: Motion) -> None:
+def go_home(arm: Arm, cell: CellFile, motion: Motion) -> None:
     """Out of sight, from wherever it was left, where that is near and free."""
     here = arm.state().joints
     away = float(np.abs(here - cell.out_of_sight).max())

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar, runtime_checkable
 
 from neugrasp.detection.contract import Detection
 from neugrasp.execution import Hand
@@ -106,6 +106,19 @@ class Arm(Protocol):
 
     def stop(self) -> None:
         """Ends a motion at once, from whichever thread; returns when the arm was told."""
+        ...
+
+
+@runtime_checkable
+class Guidable(Protocol):
+    """What else an arm can do that a person may lead by hand."""
+
+    def release(self) -> None:
+        """Lets a person move the arm until `hold`; it carries its own weight."""
+        ...
+
+    def hold(self) -> None:
+        """Stands where it was led."""
         ...
 
 

@@ -7,6 +7,8 @@ is passed on, and after a fault or a stop it passes nothing on.
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from types import TracebackType
 
@@ -25,7 +27,7 @@ from neugrasp.robot.errors import (
     TooFast,
     TooLow,
 )
-from neugrasp.robot.interface import Arm, ArmState
+from neugrasp.robot.interface import Arm, ArmState, Guidable
 from neugrasp.robot.trajectory import Pace, Trajectory
 
 START_TOLERANCE = 0.02
@@ -187,12 +189,28 @@ class Guarded:
             self._fault = fault
             raise
 
-    def execute(self, motion: Trajectory, until_contact: bool, timeout_s: float) -> bool:
-        """As `Arm.execute`. Raises a `Refused` before anything moves; after a fault, the same fault again."""
+    @contextmanager
+    def led_by_hand(self) -> Iterator[None]:
+        """A person moves the arm as long as this lasts, wherever that is. Raises a `RobotError` where the arm
+        cannot be led, or must not move any more."""
+        self._check_moving()
+        if not isinstance(self._arm, Guidable):
+            raise RobotError("this arm cannot be led by hand")
+        self._arm.release()
+        try:
+            yield
+        finally:
+            self._arm.hold()
+
+    def _check_moving(self) -> None:
         if self._fault is not None:
             raise self._fault
         if self._stopped.is_set():
             raise Stopped("the arm was stopped; nothing moves until the program is started again")
+
+    def execute(self, motion: Trajectory, until_contact: bool, timeout_s: float) -> bool:
+        """As `Arm.execute`. Raises a `Refused` before anything moves; after a fault, the same fault again."""
+        self._check_moving()
         self.fence.check(motion, self.state().joints)
         try:
             return self._arm.execute(motion, until_contact, timeout_s)

@@ -76,6 +76,14 @@ class UrArm:
         sent = (motion.times.tolist(), motion.joints.tolist(), until_contact, timeout_s)
         return bool(self._ask("execute", *sent))
 
+    def release(self) -> None:
+        """As `Guidable.release`: the controller's free drive."""
+        self._ask("release")
+
+    def hold(self) -> None:
+        """As `Guidable.hold`."""
+        self._ask("hold")
+
     def stop(self) -> None:
         """Ends a motion at its next target, in eight milliseconds; nothing moves afterwards."""
         with contextlib.suppress(OSError):

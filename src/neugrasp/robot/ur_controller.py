@@ -83,6 +83,13 @@ class Controller:
             raise ConnectionLost(f"{self._address}: the controller sends no joints")
         return ArmState(joints, speeds, self._seen)
 
+    def lead(self, begins: bool) -> None:
+        """Begins or ends free drive. Raises the fault that the controller has."""
+        self._check()
+        if not (self._control.teachMode() if begins else self._control.endTeachMode()):
+            self._check()
+            raise RobotError(f"{self._address}: the controller refuses free drive")
+
     def execute(
         self, motion: Trajectory, until_contact: bool, timeout_s: float, is_stopped: Callable[[], bool]
     ) -> bool:
@@ -199,6 +206,9 @@ def serve(address: str, force_limit: float, asked: Connection, stops: Connection
             if what == "state":
                 state = controller.state()
                 asked.send(("done", (state.joints.tolist(), state.speeds.tolist(), state.stamp)))
+            elif what in ("release", "hold"):
+                controller.lead(what == "release")
+                asked.send(("done", None))
             else:
                 times, joints, until_contact, timeout_s = arguments
                 motion = Trajectory(np.array(times), np.array(joints))

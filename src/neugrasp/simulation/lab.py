@@ -10,11 +10,11 @@ from neugrasp.simulation.domain import Domain, Earlier, HandEye, Lens, Room, Sen
 
 _LAMPS = [
     {
-        "position": [0.75, -0.35, 1.35], "target": [0.15, 0.15, 0.05], "size": 0.12, "irradiance": 0.9,
+        "position": [0.75, -0.35, 1.35], "target": [0.15, 0.15, 0.05], "size": 0.08, "irradiance": 1.1,
         "colour": [1.12, 1.0, 0.84],
     },
     {
-        "position": [-0.9, 1.1, 1.9], "target": [0.15, 0.15, 0.05], "size": 1.1, "irradiance": 0.5,
+        "position": [-0.9, 1.1, 1.9], "target": [0.15, 0.15, 0.05], "size": 1.1, "irradiance": 0.4,
         "colour": [0.93, 1.0, 1.08],
     },
 ]  # fmt: skip
@@ -25,15 +25,15 @@ _TABLE = {
     "size": [0.9, 0.75],
     "texture": {
         "pattern": "noise",
-        "colours": [[0.36, 0.35, 0.33], [0.27, 0.26, 0.25], [0.44, 0.43, 0.40]],
-        "scale": 45.0,
+        "colours": [[0.2, 0.195, 0.185], [0.1, 0.1, 0.105], [0.27, 0.265, 0.25]],
+        "scale": 30.0,
         "offset": [3.1, -2.7, 0.4],
         "rotation": [0.0, 0.0, 0.35],
         "distortion": 0.5,
-        "contrast": 0.6,
+        "contrast": 0.9,
     },
-    "roughness": 0.16,
-    "specular": 0.55,
+    "roughness": 0.11,
+    "specular": 0.75,
     "floor": {
         "height": -0.70,
         "texture": {
@@ -54,22 +54,22 @@ objects have there."""
 LAB = Domain(
     name="lab",
     room=Room(
-        light={"hdri": "interior", "rotation": 2.2, "strength": 0.5, "exposure": -0.35, "lamps": _LAMPS},
+        light={"hdri": "interior", "rotation": 2.2, "strength": 0.4, "exposure": -0.5, "lamps": _LAMPS},
         table=_TABLE,
         seed=90210,
     ),
-    earlier=Earlier(turn=0.15, panorama=0.92, lamps=0.97),
+    earlier=Earlier(turn=0.3, panorama=0.85, lamps=0.93),
     lens=Lens(
         focal=(455.744, 454.798),
         principal_point=(321.525, 190.348),
         size=(640, 360),
-        radial=(0.012, -0.02),
+        radial=(0.025, -0.04),
         tangential=(0.0006, -0.0004),
     ),
-    sensor=Sensor(vignetting=0.25, shot=0.0004, read=0.004, jpeg=85),
+    sensor=Sensor(vignetting=0.3, shot=0.001, read=0.007, jpeg=75),
     tone="AgX",
     hand_eye=HandEye(millimetres=1.5, degrees=0.3, view_millimetres=0.3, view_degrees=0.05, seed=7),
-    friction=0.7,
+    friction=0.5,
     gripper="robotiq_2f85",
 )
 """The D435's intrinsics are those of the paper's cell; its errors, what a careful calibration leaves."""
