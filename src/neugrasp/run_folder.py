@@ -25,7 +25,7 @@ fcntl: Any = importlib.import_module("fcntl") if importlib.util.find_spec("fcntl
 log = logging.getLogger(__name__)
 
 CONTENTS = ("gripper_sha256", "objects_content_sha256")
-"""Of what a run depends on: what the files hold, which older runs did not write down."""
+"""Hashes of what the files hold that a run depends on, which older runs did not write down."""
 LOOK_EVERY = 0.3
 """Seconds between two looks at whether the parent is still there."""
 

@@ -18,9 +18,9 @@ class NoisyDepth:
 
     seed: int = 0
     gamma_shape: float = 1000.0
-    """Of the factor Gamma(shape, 1 / shape) on a whole image: mean 1, deviation 1 / sqrt(shape)."""
+    """Shape of the factor Gamma(shape, 1 / shape) on a whole image: mean 1, deviation 1 / sqrt(shape)."""
     deviation: float = 0.005
-    """Of the additive noise, metres, in the half of all images that have it."""
+    """Standard deviation of the additive noise, metres, in the half of all images that have it."""
     grain: int = 4
     """Pixels between independent additive values."""
 

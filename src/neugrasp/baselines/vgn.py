@@ -93,7 +93,7 @@ class VgnHead:
     network: Callable[[Tensor], GraspVolume]
     is_public: bool
     threshold: float = SelectionConfig.threshold
-    """Of scores, as noted with the weights."""
+    """Threshold of scores, as noted with the weights."""
     workspace: Workspace | None = None
     """The cube that weights of ours were trained for."""
 

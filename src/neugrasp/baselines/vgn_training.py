@@ -22,7 +22,7 @@ from neugrasp.training.samples import Truth
 from neugrasp.training.validation import Scores, grasp_scores
 
 NAME = "vgn"
-"""Of the network, its recipe, its detector and its shipped weights."""
+"""Name of the network, its recipe, its detector and its shipped weights."""
 
 
 @dataclass(frozen=True, kw_only=True)

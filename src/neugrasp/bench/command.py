@@ -10,7 +10,7 @@ from typing import ClassVar, Literal
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedTest:
-    """Speed of every stage on this machine: of detecting and of training, beside its roofline."""
+    """Times every stage of detection and training on this machine, beside its roofline."""
 
     doing: ClassVar[str] = "measuring, some minutes"
 
@@ -19,27 +19,27 @@ class SpeedTest:
     network: Literal["small", "paper"] = "small"
     """small: the shipped network and its recipe. paper: the paper's shapes at random weights."""
     part: Literal["all", "inference", "training"] = "all"
-    """What is measured."""
+    """Part to measure."""
     detectors: bool = False
-    """Instead, seconds from photos or depth to grasps of every detector that is registered here."""
+    """Instead, time every registered detector, from photos or depth to grasps."""
     only: tuple[str, ...] = ()
-    """With --detectors: these, by name or as package.module:NAME."""
+    """With --detectors: the detectors to time, by name or as package.module:NAME."""
     weights: tuple[str, ...] = ()
-    """With --detectors: those that should not be a detector's own, as NAME=FILE: vgn=vgn_conv.pth."""
+    """With --detectors: other weights for detectors, as NAME=FILE: vgn=vgn_conv.pth."""
     restorer: str = "swindr"
-    """With --detectors: bundled weights that restore depth, or a file: what swindr-vgn asks before VGN."""
+    """With --detectors: the weights with which swindr-vgn restores depth: a bundled name, or a file."""
     views: int = 4
-    """Photos of the scene, 1 to 8."""
+    """Number of photos of the scene, 1 to 8."""
     rounds: int = 5
-    """How often everything is timed; of training steps, which are slow, half as often."""
+    """Number of timings; training steps, which are slow, are timed half as often."""
     threads: int | None = None
-    """Threads that PyTorch computes with; by default as many as it takes by itself."""
+    """Number of threads of PyTorch; by default its own choice."""
     device: str = "cpu"
-    """Where to compute."""
+    """Device: cpu, cuda, cuda:1."""
     precision: Literal["own", "float32", "bfloat16"] = "own"
-    """Of the products: what the detector and the recipe choose themselves, or one of these."""
+    """Precision of products; own: what the detector and the recipe choose."""
     seed: int = 0
-    """Of random weights, rays and grasps."""
+    """Seed of random weights, rays and grasps."""
 
     def command(self) -> str:
         """The line that repeats this run."""

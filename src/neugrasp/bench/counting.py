@@ -79,7 +79,7 @@ class Kept:
 
     @property
     def num_bytes(self) -> int:
-        """Of all storages that were kept, weights apart."""
+        """Bytes of all storages that were kept, weights apart."""
         return sum(self._sizes.values())
 
     @contextmanager

@@ -38,7 +38,7 @@ class Timing:
     detector: str
     sees: tuple[str, ...]
     seconds: tuple[float, ...]
-    """Of each detection after the first."""
+    """Seconds of each detection after the first."""
     stages: dict[str, float]
     """Seconds of the last one by stage, as the detector tells them."""
     grasps: int

@@ -74,7 +74,7 @@ class _Span:
     """Flops of this span with all inside it, bytes without."""
     handed_in: list[Tensor] = field(default_factory=list)
     handed_out: list[Tensor] = field(default_factory=list)
-    """Of the stages inside: what they got, and what they gave."""
+    """What the stages inside got, and what they gave."""
 
 
 class Recorder:

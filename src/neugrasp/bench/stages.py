@@ -41,9 +41,9 @@ class Run:
     """One pass through everything."""
 
     seconds: float
-    """Of the whole, with the device finished."""
+    """Time of the whole, with the device finished."""
     cpu_seconds: float
-    """Of the processor, all threads together: what remains a measure where others compute, too."""
+    """Time of the processor, all threads together: what remains a measure where others compute, too."""
     stages: dict[str, Cost]
 
 

@@ -146,7 +146,7 @@ class AsyncClient:
 
 
 def _settings(url: str, token: str | None, timeout_s: float) -> dict[str, Any]:
-    """Of an httpx client; nothing on the way is asked but the server itself."""
+    """Settings of an httpx client; nothing on the way is asked but the server itself."""
     if not url.startswith(("http://", "https://")):
         raise InputError(f"{url!r}: the address of a server begins with http:// or https://")
     headers = {"Authorization": f"Bearer {token}"} if token else {}

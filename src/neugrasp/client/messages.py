@@ -39,7 +39,7 @@ class Answer:
     findings: tuple[str, ...]
     """What the doctor noticed, one line each."""
     seconds: Mapping[str, float]
-    """Of the server's stages; the detector's own are in `detection.timing_s`."""
+    """Seconds of the server's stages; the detector's own are in `detection.timing_s`."""
     request: str
     """The name of the request in the server's log."""
 

@@ -45,7 +45,7 @@ class Bend:
     """A kind of key that bends geometry."""
 
     pattern: str
-    """Of the whole key in lower-case letters and digits."""
+    """Pattern of the whole key in lower-case letters and digits."""
     what: str
     """What such a key says."""
     remedy: str

@@ -17,11 +17,11 @@ from neugrasp.observation import Observation
 FARTHEST_CAMERA = 10.0
 """Metres between a camera and the workspace; beyond it the numbers are taken for millimetres."""
 LARGEST_NUMBER = 1e9
-"""Of anything that is measured; squares of larger numbers lose the small ones beside them."""
+"""Largest size of anything that is measured; squares of larger numbers lose the small ones beside them."""
 SMALLEST_PART = 8
 """Pixels of a padded photo that were measured, across."""
 UNITS = {"millimetres": 1000, "centimetres": 100, "inches": 39.37}
-"""Of one metre; those in which poses are written, too."""
+"""Units in one metre; those in which poses are written, too."""
 USUAL_DISTANCES = 0.15, 3.0
 """Metres between a camera and what it shows."""
 OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])

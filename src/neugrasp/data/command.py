@@ -16,9 +16,9 @@ class Pack:
     data: tuple[Path, ...]
     """Folders made by `neugrasp generate`."""
     out: Path
-    """Where the shards and their index are written, all or none; `train --data` reads this folder."""
+    """Folder for the shards and their index, all or none; `train --data` reads it."""
     quality: int | None = None
-    """Quality of the photos, 1 to 100, as lossy WebP, with coarser grids and without depth and masks: 95
-    takes a quarter of the bytes. By default everything is kept exactly."""
+    """Store photos as lossy WebP of this quality, 1 to 100, with coarser grids and without depth and
+    masks; 95 takes a quarter of the bytes. By default everything is kept exactly."""
     targets: bool = True
     """Pack the views that losses compare with, too; geometry supervision needs none."""

@@ -23,7 +23,8 @@ from neugrasp.observation import Image
 SMALLEST_IMAGE = 32
 """Pixels; a smaller photo is a thumbnail or a mistake."""
 MOST_PIXELS = 100_000_000
-"""Of a photo, asked before it is decoded: a small file can hold a picture that fills the memory."""
+"""Most pixels of a photo, asked before it is decoded: a small file can hold a picture that fills the
+memory."""
 FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TIFF")
 """As Pillow calls them; no other reader of its many is given a user's file."""
 FOREIGN = {
@@ -44,7 +45,7 @@ FOREIGN = {
 }
 """Suffixes of pictures that importers do not look for, with their names."""
 DARKEST_WHITE = 64
-"""Of 255: what the brightest pixel of a photo in 16 bits must reach."""
+"""Out of 255: what the brightest pixel of a photo in 16 bits must reach."""
 ORIENTATION_TAG = 274
 DETAILS, FOCAL_35MM_TAG, SIZE_TAGS = 0x8769, 0xA405, (0xA002, 0xA003)
 """EXIF: the directory of what a camera says of a photo; in it the focal length, and width and height."""
@@ -210,8 +211,8 @@ def _too_large(file: Path | Photo, size: str, where: str) -> str:
 
 
 def _check_depth(image: Image, file: Path | Photo, where: str) -> None:
-    """Of 16 bits a channel the upper 8 are read. Raises `InputError` where they hold no photo: sensors with
-    10 to 14 bits fill the lower ones."""
+    """Checks 16 bits a channel, of which the upper 8 are read. Raises `InputError` where they hold no
+    photo: sensors with 10 to 14 bits fill the lower ones."""
     if image.max() < DARKEST_WHITE:
         raise InputError(
             f"{file}: 16 bits a channel of which the upper ones are empty (10 to 14 bits of a sensor?); "

@@ -112,7 +112,7 @@ class _Entry:
     photos: bool | None
     """Whether it has photos; None in an index of before this field."""
     sha256: str | None
-    """Of its labels; None in an index of before this field."""
+    """Hash of its labels; None in an index of before this field."""
 
 
 def _entry(fields: Fields) -> _Entry:

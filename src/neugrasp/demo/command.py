@@ -9,17 +9,18 @@ from typing import ClassVar, Literal
 
 @dataclass(frozen=True, kw_only=True)
 class Demo:
-    """Bundled scenes in, surfaces, grasps and pictures out. Runs on a CPU right after the installation."""
+    """Predicts surfaces and grasps of the bundled scenes, with pictures. Runs on a CPU right after the
+    installation."""
 
     doing: ClassVar[str] = "surfaces and grasps of four bundled scenes, some seconds each"
 
     out: Path = Path("outputs/demo")
-    """Where NAME/ is written for every scene."""
+    """Output folder; every scene gets a folder NAME/ in it."""
     weights: str = "neugrasp"
     """A name of bundled weights, or a file."""
     gripper: str = "panda"
     """A name of a bundled gripper, or a file."""
     device: str = "cpu"
-    """Where PyTorch computes: cpu, cuda, cuda:1."""
+    """Device of PyTorch: cpu, cuda, cuda:1."""
     precision: Literal["float32", "bfloat16"] = "float32"
-    """Of its products."""
+    """Precision of its products."""

@@ -39,7 +39,7 @@ def run(config: Demo) -> Iterator[str]:
 
 
 def _row(name: str, detection: Detection, waited: float, folder: Path) -> str:
-    """Of the table; the seconds are those that a person waits."""
+    """A row of the table; the seconds are those that a person waits."""
     grasps, seconds = detection.grasps, f"{waited:.1f}"
     if not grasps:
         return ROW.format(name, 0, "-", "-", seconds, folder) + "\n  " + explain(detection)

@@ -21,13 +21,14 @@ class DetectorOptions:
     threshold: float | None = None
     """Score from which a grasp is one; None: the detector's own."""
     hand_check: bool = True
-    """Whether grasps go as deep as the surface lets the hand, and are dropped where it would meet it."""
+    """Push each grasp as deep as the surface allows, and drop grasps that would collide or close on
+    nothing."""
     evaluator: str = "neugrasp"
-    """A name of a bundled evaluator of grasps, or a file: what the detectors that have one ask."""
+    """The evaluator of grasps, for detectors that ask one: a bundled name, or a file."""
     restorer: str = "swindr"
-    """A name of bundled weights that restore depth, or a file: what swindr-vgn asks before VGN."""
+    """The weights with which swindr-vgn restores depth: a bundled name, or a file."""
     seed: int = 0
-    """Of detectors that draw random numbers."""
+    """Random seed of detectors that draw random numbers."""
     device: str = "cpu"
     """Where PyTorch computes."""
     precision: str = "float32"
@@ -52,26 +53,26 @@ LARGEST_REGION = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class Steering:
-    """What a grasp must satisfy besides; everything in the world of the scene.
+    """Further conditions on grasps, in the world frame of the scene.
 
     Raises `InputError` on a region, a cone, a height or a number of grasps that cannot be meant.
     """
 
     region: Box | None = None
-    """Box in which the point between the fingertips must lie: x, y and z from, x, y and z to, metres."""
+    """Box that must contain the point between the fingertips: lowest x, y, z, then highest x, y, z,
+    metres."""
     mask: tuple[int, Path] | None = None
-    """Number of a view and a picture of its photo's size: the point between the fingertips must be seen where
-    that is brighter than half."""
+    """Number of a view, and a mask of its photo's size: the point between the fingertips must be seen
+    where the mask is brighter than half."""
     approach: Cone | None = None
-    """Direction x, y, z in which the hand may move to the grasp, and by how many degrees it may deviate:
-    0 0 -1 30 is from above."""
+    """Direction x, y, z in which the hand approaches, and how many degrees it may deviate: 0 0 -1 30 is
+    from above."""
     min_height: float | None = None
-    """Least height of the point between the fingertips above the table, metres."""
+    """Minimum height of the point between the fingertips above the table, metres."""
     one_object: bool = False
-    """Only grasps of one object, that of the best grasp which is left: one object at a time. What touches is
-    one object here."""
+    """Only grasps on the object of the best remaining grasp. Objects that touch count as one."""
     top: int | None = None
-    """So many grasps at most, the best."""
+    """Maximum number of grasps, the best ones."""
 
     def __post_init__(self) -> None:
         if self.region is not None and not all(self.region[i] < self.region[i + 3] for i in range(3)):

@@ -11,8 +11,8 @@ from typing import ClassVar
 class Doctor:
     """Checks a capture before anything is predicted: files, conventions, units, light, focus, what is seen.
 
-    One line for each item with the measured value and what to do: green, yellow (worse grasps), red (grasps
-    fail) or grey (could not be measured). Ends with 1 on red.
+    Prints a line for each item with the measured value and what to do: green, yellow (worse grasps), red
+    (grasps fail) or grey (could not be measured). The exit code is 1 on red.
     """
 
     doing: ClassVar[str] = "looking at the photos, some seconds"
@@ -22,4 +22,4 @@ class Doctor:
     report: Path | None = None
     """An HTML file to write, with the cube and the table drawn into every photo."""
     fix: Path | None = None
-    """A new folder for a corrected copy, where the cause is certain."""
+    """A new folder for a corrected copy; only faults whose cause is certain are corrected."""

@@ -86,7 +86,7 @@ def _poses(views: Views) -> Array:
 
 
 def _agreement(views: Views, only: Sequence[bool]) -> float:
-    """Of the chosen photos with all others about the table, 0 where they cannot be compared."""
+    """Agreement of the chosen photos with all others about the table, 0 where they cannot be compared."""
     pictures = table_pictures(table_crops(views), views.workspace)
     pairs = [(i, j) for i, j in comparable(pictures) if only[i] or only[j]]
     return mean_correlation(pictures, pairs) if pairs else 0.0
@@ -138,7 +138,7 @@ def in_view(camera: Camera, points: Array) -> np.ndarray:
 def _decided(
     capture: Capture, candidates: list[Candidate], only: list[bool]
 ) -> tuple[Capture, list[Finding]]:
-    """Of several conventions the one in which the photos agree best about the table."""
+    """Chooses among several conventions the one in which the photos agree best about the table."""
     if len(candidates) > 1:
         scores = [_agreement(views, only) for _, views in candidates]
         order = np.argsort(scores)[::-1]

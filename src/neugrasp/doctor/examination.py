@@ -58,12 +58,12 @@ class Diagnosis:
 
 
 def examine_folder(path: Path) -> Diagnosis:
-    """Of a scene on disk; never raises for what a user may have done to it."""
+    """The diagnosis of a scene on disk; never raises for what a user may have done to it."""
     return _examine(read_capture(path))
 
 
 def examine(capture: Capture) -> Diagnosis:
-    """Of a scene in memory."""
+    """The diagnosis of a scene in memory."""
     return _examine(Reading(capture, ()))
 
 
@@ -73,7 +73,8 @@ def examine_read(
     tags: Sequence[Finding] | None = None,
     table: Finding | None = None,
 ) -> Diagnosis:
-    """Of a scene as `read_scene` gave it, with what its files say: `tags`, by default read from them.
+    """The diagnosis of a scene as `read_scene` gave it, with what its files say: `tags`, by default read from
+    them.
 
     By default by what costs next to nothing and decides: conventions, units, intrinsics, coverage, what
     photos say of themselves (rotation, focal length), backgrounds of other views or places, photos in which

@@ -111,7 +111,7 @@ class Limits:
     red: float
 
     def level(self, value: float) -> Level:
-        """Of a value that is better the smaller it is."""
+        """The level of a value that is better the smaller it is."""
         if value > self.red:
             return Level.RED
         return Level.YELLOW if value > self.yellow else Level.GREEN

@@ -17,7 +17,7 @@ STRIDE = 3
 SMOOTHING = 1.5
 """Standard deviation, pixels, of the blur that takes the noise away."""
 ROUNDS, SETTLED = 15, 1e-5
-"""Of the fit, at most, and the stops by which a round moves a plane that needs no further one."""
+"""Most rounds of the fit, and the stops by which a round moves a plane that needs no further one."""
 RIDGE = 1e-9
 """Keeps a fit to places on one line solvable."""
 DIFFERENT = 0.06
@@ -41,7 +41,7 @@ class Drift:
     """Light of the image over light of the background where both show the same, in stops (EV)."""
 
     exposure: float
-    """Of the middle of the crop."""
+    """Exposure of the middle of the crop."""
     white_balance: float
     """Largest difference between two colour channels."""
     slope: float

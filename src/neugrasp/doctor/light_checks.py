@@ -49,7 +49,7 @@ SHARPNESS = (0.7, 1.4, 2.8)
 PAIR_LOSS, LOSS = Limits(1.25, 3.0), Limits(2.0, 4.0)
 """How many times less fine detail a photo may have than its fellow, which shows the same, and than usual."""
 MOST_TIMES = 100.0
-"""Of those, what is counted."""
+"""Largest of those ratios that is counted."""
 SHARP = 0.5
 """Fine over coarser detail of a photo that is just in focus; rendered captures measure 0.6 and more."""
 EDGE_LIMITS = Limits(6.3, np.inf)

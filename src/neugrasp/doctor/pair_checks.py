@@ -41,7 +41,7 @@ OTHERS = 0.6
 """Difference to the background of another view, over that to its own, below which an image is its. Good
 captures, on plain tables too, measure 1.6 and more."""
 QUANTUM = 0.5
-"""Of 765: below it, differences are rounding."""
+"""Out of 765: below it, differences are rounding."""
 MORE_AGREED = 0.05
 """Correlation by which images must agree better about the table than backgrounds to be taken for them."""
 FLAT, AGREED_MORE, REST = 0.8, 0.01, 0.5

@@ -30,8 +30,8 @@ class Told:
 
 
 def check_tags(folder: Path, entries: Sequence[Any], views: Sequence[View]) -> list[Finding]:
-    """Of the readable views of a scene and their entries in scene.json: photos that are to be shown turned or
-    mirrored, and those taken with another focal length than the intrinsics have."""
+    """Findings on the readable views of a scene and their entries in scene.json: photos that are to be
+    shown turned or mirrored, and those taken with another focal length than the intrinsics have."""
     told = []
     for number, (entry, view) in enumerate(zip(entries, views, strict=True)):
         for key in ("image", "background"):

@@ -30,7 +30,7 @@ DEPTHS = 64
 HEIGHT = 0.2
 """Metres above the table up to which objects are expected."""
 SHARE = 0.99
-"""Of the pixels, best first, the worst of which counts: what is left may be noise."""
+"""Share of the pixels, best first, whose worst one counts: what is left may be noise."""
 FAILURE = Limits(2.0, 5.0)
 """Pixels of the network's crop by which silhouettes would have to grow to agree; good captures measure 0
 (docs/capture.md)."""
@@ -41,7 +41,7 @@ class Silhouette:
     """What one view says about the space in front of it."""
 
     camera: Camera
-    """Of the crop, workspace frame."""
+    """Camera of the crop, workspace frame."""
     objects: Array
     """Pixels (n, 2) that show an object."""
     outside: Array
@@ -105,7 +105,7 @@ def _rays(silhouette: Silhouette, workspace: Workspace) -> Array:
 
 
 def _outside(silhouette: Silhouette, points: Array) -> Array:
-    """Of points (..., 3), how many pixels they project beside what may be an object; 0 where not seen."""
+    """How many pixels points (..., 3) project beside what may be an object; 0 where not seen."""
     pixels, depth = silhouette.camera.project(points)
     height, width = silhouette.outside.shape
     column, row = (np.rint(np.clip(pixels[..., i], -1e6, 1e6)).astype(int) for i in range(2))

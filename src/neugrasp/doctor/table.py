@@ -56,7 +56,7 @@ class Agreement:
     first: int
     second: int
     correlation: float
-    """Of the two pictures of the table, -1 to 1."""
+    """Correlation of the two pictures of the table, -1 to 1."""
     shift: Shift
     """Steps on the table."""
 
@@ -113,7 +113,8 @@ def coarse_pictures(views: Views) -> list[TablePicture]:
 
 
 def correlation(first: TablePicture, second: TablePicture) -> float | None:
-    """Of two pictures of the table where both see it, -1 to 1; None where there is too little to compare."""
+    """Correlation of two pictures of the table where both see it, -1 to 1; None where there is too little
+    to compare."""
     both = first.seen & second.seen
     if both.mean() < SMALLEST_PART or min(first.contrast, second.contrast) < LEAST_CONTRAST:
         return None
@@ -137,7 +138,7 @@ def mean_correlation(
 
 
 def agreements(pictures: Sequence[TablePicture]) -> list[Agreement]:
-    """Of all pairs of views that can be compared."""
+    """Agreements of all pairs of views that can be compared."""
     found = []
     for i, j in comparable(pictures):
         agreement = correlation(pictures[i], pictures[j]) or 0.0
@@ -150,7 +151,7 @@ def agreements(pictures: Sequence[TablePicture]) -> list[Agreement]:
 
 
 def _largest_shift(first: Array, second: Array) -> Shift | None:
-    """Of the quarters of two pictures the largest shift that is to be believed: a wrong scale leaves the
+    """The largest shift of the quarters of two pictures that is to be believed: a wrong scale leaves the
     middle where it is and moves the rest."""
     quarters = [
         shift_between(a, b)

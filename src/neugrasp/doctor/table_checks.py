@@ -43,7 +43,7 @@ UNSEEN = (
     "poses that are 4 degrees wrong, and focal lengths that are twice too long, with which most grasps fail, "
     "may go unseen"
 )
-"""Of plain tables and single views (docs/capture.md)."""
+"""Said of plain tables and single views (docs/capture.md)."""
 HOPELESS = 0.2
 """Correlation below which the cameras have nothing to do with the photos."""
 
@@ -100,7 +100,7 @@ def check_table_quickly(capture: Capture, pictures: Sequence[TablePicture]) -> t
 
 
 def _unknown(count: int) -> Finding:
-    """Of so many views that cannot be compared."""
+    """The finding for so many views that cannot be compared."""
     why = "too little texture on the table" if count > 1 else "fewer than two views to compare"
     return not_measured("table", f"{why}; {UNSEEN}", POSES_UNCHECKED)
 

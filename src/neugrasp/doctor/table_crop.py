@@ -36,7 +36,7 @@ class TableCrop:
     """(h, w, 3) in [0, 1], as displayed (sRGB)."""
     background: Plane
     camera: Camera
-    """Of the crop, in the workspace frame."""
+    """Camera of the crop, in the workspace frame."""
     photo_pixels: float
     """Pixels of the photo that one pixel of the crop stands for, at least 1."""
     inside: Mask

@@ -12,71 +12,69 @@ from neugrasp.detection.options import DetectorOptions
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluate:
-    """Clears tables in simulation and counts: SR, FSR, DR and L1, with intervals. Goes on where it
+    """Clears tables in simulation and reports SR, FSR, DR and L1 with intervals. Continues where it
     stopped."""
 
     doing: ClassVar[str] = "clearing tables, a minute or so each"
 
     out: Path
-    """Where metrics.json, attempts.jsonl and rounds/ are written."""
+    """Folder for metrics.json, attempts.jsonl and rounds/."""
     detector: str = "neugrasp"
     """neugrasp, vgn, graspnerf, graspnerf-tsdf, or one of your own by name or as package.module:NAME
     (docs/benchmark.md); oracle and antipodal are told the true surface: measuring sticks, no detectors."""
     scene: Literal["packed", "pile", "single"] = "packed"
-    """How the objects lie."""
+    """Arrangement of the objects."""
     materials: Literal["transparent-specular", "diffuse", "mixed", "specular", "transparent"] = (
         "transparent-specular"
     )
-    """What the objects are made of."""
+    """Materials of the objects."""
     strategy: Literal["protocol", "top", "random", "highest"] = "protocol"
-    """Which of the detected grasps is carried out; by default the protocol's."""
+    """Which detected grasp is executed; by default as the protocol says."""
     rounds: int | None = None
-    """Number of rounds: by default 200, or one for each object where it stands alone."""
+    """Number of rounds; by default 200, or one for each object where it stands alone."""
     domain: str = "training"
     """training, or lab: another room, a camera that is a little wrong, slippery objects, the 2F-85; or parts
     of it, as lab:lens+hand_eye (docs/benchmark.md)."""
     views: str = "released"
-    """Where the cameras stand: released, paper, groups8, ring6, hemisphere6 or training."""
+    """Viewpoints of the cameras: released, paper, groups8, ring6, hemisphere6 or training."""
     protocol: str = "paper"
     """paper, vgn or graspnerf: what counts as a success, and out of what (docs/benchmark.md)."""
     weights: str = "neugrasp"
     """A name of bundled weights, or a file; by default the detector's own. vgn, and an oracle with VGN's
     head, take a .pth of VGN, too."""
     evaluator: str = "neugrasp"
-    """A name of a bundled evaluator of grasps, or a file: what the detectors that have one ask."""
+    """The evaluator of grasps, for detectors that ask one: a bundled name, or a file."""
     restorer: str = "swindr"
-    """A name of bundled weights that restore depth, or a file: what swindr-vgn asks before VGN."""
+    """The weights with which swindr-vgn restores depth: a bundled name, or a file."""
     hand_check: bool = True
-    """Send grasps as deep as the surface lets the hand, and drop those whose hand would meet it, or close
-    on nothing. Never for VGN."""
+    """Push each grasp as deep as the surface allows, and drop grasps that would collide or close on
+    nothing. Never for VGN."""
     threshold: float | None = None
-    """Smoothed quality from which a grasp is one; by default the one that the weights were judged with, or
-    the protocol's."""
+    """Minimum score of a grasp; by default the threshold stored with the weights, or the protocol's."""
     samples: int = 4
-    """Of a pixel of the photos, a power of two, as in `generate`: with one, a round takes less than half the
-    time."""
+    """Render samples per pixel, a power of two, as in `generate`; with one, a round takes less than half
+    the time."""
     depth: Literal["exact", "noisy", "stereo"] = "exact"
     """The depth sensor of detectors that see depth; stereo sees glass and steel as such a sensor does."""
     gripper: str = "panda"
     """A name of a bundled gripper, or a file."""
     cell: Path | None = None
-    """A cell file: its arm carries the hand, and can fail to reach (docs/robot.md); its gripper and its views
-    are those of the rounds."""
+    """A cell file (docs/robot.md): its arm carries the hand and may fail to reach; the rounds take its
+    gripper and its views."""
     objects: Path | None = None
     """A folder of URDF objects, instead of the built-in ones."""
     split: Literal["test", "train"] = "test"
-    """Objects, tables and rooms of the rounds. train: those of training, to choose between weights without
-    having looked at the test."""
+    """Split of objects, tables and rooms. Choose between weights on train, so that test stays unseen."""
     seed: int = 0
-    """The same seed gives the same rounds and the same metrics, whatever the number of workers."""
+    """Random seed; the same seed gives the same rounds and metrics, whatever the number of workers."""
     workers: int | None = None
-    """Processes that share the rounds; by default one per core."""
+    """Number of processes that share the rounds; by default one per core."""
     cluster: str | None = None
     """Share the work with a Ray cluster: auto, or its address HOST:6379 (docs/cluster.md)."""
     device: str = "cpu"
-    """Where the detector computes: cpu, cuda, cuda:1."""
+    """Device of the detector: cpu, cuda, cuda:1."""
     precision: Literal["float32", "bfloat16"] = "float32"
-    """Of the detector's products."""
+    """Precision of the detector's products."""
 
     def options(self) -> DetectorOptions:
         """What the detector is told."""
@@ -106,49 +104,50 @@ class Evaluate:
 
 @dataclass(frozen=True)
 class Compare:
-    """Two evaluations of the same rounds, paired: difference, interval and p."""
+    """Compares two evaluations of the same rounds, paired: difference, interval and p."""
 
     doing: ClassVar[str] = "comparing"
 
     a: Path
-    """What `neugrasp evaluate` wrote."""
+    """A folder that `neugrasp evaluate` wrote."""
     b: Path
     """The other one."""
 
 
 @dataclass(frozen=True)
 class Failures:
-    """At which objects and materials the grasps of an evaluation failed, and why."""
+    """Lists failures of an evaluation by object and material, with reasons."""
 
     doing: ClassVar[str] = "looking at what failed"
 
     evaluation: Path
-    """What `neugrasp evaluate` wrote."""
+    """A folder that `neugrasp evaluate` wrote."""
     objects: Path | None = None
     """The folder of URDF objects that the evaluation was made with."""
 
 
 @dataclass(frozen=True)
 class InspectEpisode:
-    """A round of an evaluation as one HTML file: what was seen, what was tried, what came of it."""
+    """Writes a round of an evaluation as one HTML file: what was seen, what was tried, what came of it."""
 
     doing: ClassVar[str] = "playing the round again"
 
     evaluation: Path
-    """What `neugrasp evaluate` wrote."""
+    """A folder that `neugrasp evaluate` wrote."""
     round: int
-    """Its number, from 0."""
+    """Number of the round, counted from 0."""
     out: Path | None = None
     """The file; by default reports/ROUND.html in the evaluation."""
     objects: Path | None = None
     """The folder of URDF objects that the evaluation was made with."""
     photos: Literal["auto", "yes", "no"] = "auto"
-    """Whether photos are rendered for it (needs Blender); auto: where the detector saw photos."""
+    """Render photos for it (needs Blender); auto: if the detector saw photos."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """The paper's table: every system on the same rounds, played or gone on with, the paper's figures beside.
+    """Plays the paper's table: every system on the same rounds, beside the paper's figures. Continues where
+    it stopped.
 
     Both sets of materials, both strategies; differences to neugrasp are paired by round.
     """
@@ -156,43 +155,46 @@ class Table:
     doing: ClassVar[str] = "playing every row; each goes on where it stopped"
 
     scene: Literal["packed", "pile", "single"]
-    """How the objects lie."""
+    """Arrangement of the objects."""
     out: Path = Path("outputs/table")
-    """Where SCENE.md and SCENE.json are written, and a folder for each row."""
+    """Folder for SCENE.md, SCENE.json, and a folder for each row."""
     rounds: int | None = None
-    """Of each row; by default 200, or one for each object where it stands alone. RGBGrasp-GT, which takes a
-    minute for every grasp, plays 30 at most."""
+    """Number of rounds of each row; by default 200, or one for each object where it stands alone.
+    RGBGrasp-GT, which takes a minute for every grasp, plays at most 30."""
     detectors: tuple[str, ...] = ()
-    """By name or as package.module:NAME; by default those of the paper's table that have weights."""
+    """Detectors, by name or as package.module:NAME; by default those of the paper's table that have
+    weights."""
     weights: tuple[str, ...] = ()
-    """Of detectors that should take others than their own, as NAME=FILE: vgn=vgn_conv.pth, which swindr-vgn
-    and rgbgrasp-gt take, too."""
+    """Other weights for detectors, as NAME=FILE: vgn=vgn_conv.pth, which swindr-vgn and rgbgrasp-gt take,
+    too."""
     restorer: str = "swindr"
-    """A name of bundled weights that restore depth, or a file: what swindr-vgn asks before VGN."""
+    """The weights with which swindr-vgn restores depth: a bundled name, or a file."""
     strategies: tuple[Literal["random", "top"], ...] = ("random", "top")
-    """Which of the detected grasps is carried out."""
+    """Which detected grasp is executed."""
     picture: bool = False
-    """Instead of playing, write SCENE_surfaces.png: what each system sees in the first two rounds."""
+    """Instead of playing, write SCENE_surfaces.png: the surfaces that each system sees in the first two
+    rounds."""
     samples: int = 1
-    """Of a pixel of the photos, a power of two; one plays twice as fast as four."""
+    """Render samples per pixel, a power of two; one plays twice as fast as four."""
     objects: Path | None = None
     """A folder of URDF objects, instead of the built-in ones."""
     seed: int = 0
-    """The same seed gives the same rounds."""
+    """Random seed; the same seed gives the same rounds."""
     workers: int | None = None
-    """Processes that share the rounds; by default one per core."""
+    """Number of processes that share the rounds; by default one per core."""
     cluster: str | None = None
     """Share the work with a Ray cluster: auto, or its address HOST:6379 (docs/cluster.md)."""
     device: str = "cpu"
-    """Where the detectors compute: cpu, cuda, cuda:1."""
+    """Device of the detectors: cpu, cuda, cuda:1."""
 
 
 @dataclass(frozen=True)
 class OneShot:
-    """Held-out scenes: how good the surface is, and whether the best grasp holds when it is executed.
+    """Judges weights on held-out scenes: their surfaces, and whether the best grasp holds when it is
+    executed.
 
-    One attempt from each untouched scene, beside the same grasp head on the true surface and random antipodal
-    grasps on it. Goes on where it stopped.
+    Makes one attempt in each untouched scene, beside the same grasp head on the true surface and random
+    antipodal grasps on it. Continues where it stopped.
     """
 
     doing: ClassVar[str] = "reading the scenes"
@@ -200,21 +202,21 @@ class OneShot:
     data: tuple[Path, ...]
     """Folders made by `neugrasp generate`, or of shards packed from them."""
     out: Path
-    """Where held_out.json and attempts.jsonl are written."""
+    """Folder for held_out.json and attempts.jsonl."""
     weights: str = "neugrasp"
     """A name of bundled weights, or a file."""
     gripper: str = "panda"
     """A name of a bundled gripper, or a file."""
     objects: Path | None = None
-    """The folder of URDF objects that the scenes were made of, where they were."""
+    """The folder of URDF objects, if the scenes were generated from one."""
     threshold: float | None = None
-    """Predicted probability of success below which nothing is tried; by default the weights' own."""
+    """Minimum score of a grasp; by default the threshold stored with the weights."""
     hand_check: bool = True
-    """Send grasps as deep as the surface lets the hand, and drop those whose hand would meet it, or close
-    on nothing."""
+    """Push each grasp as deep as the surface allows, and drop grasps that would collide or close on
+    nothing."""
     seed: int = 0
-    """Of the random antipodal grasps."""
+    """Seed of the random antipodal grasps."""
     device: str = "cpu"
-    """Where the network computes: cpu, cuda, cuda:1."""
+    """Device of the network: cpu, cuda, cuda:1."""
     precision: Literal["float32", "bfloat16"] = "float32"
-    """Of its products."""
+    """Precision of its products."""

@@ -20,9 +20,9 @@ CRASHED = "crashed"
 NOTHING_REACHABLE = "nothing reachable"
 """Where an arm carries out none of the detected grasps."""
 UNFINISHED = "unfinished"
-"""Of a round that goes on where it is: `neugrasp run` writes it after every pick."""
+"""The ending of a round that goes on where it is: `neugrasp run` writes it after every pick."""
 ENDINGS = (EMPTY, NOTHING_DETECTED, FAILED_TOO_OFTEN, CRASHED)
-"""Of every round; `NOTHING_REACHABLE` besides, where there is an arm."""
+"""The endings of every round; `NOTHING_REACHABLE` besides, where there is an arm."""
 
 FORMAT, VERSION = "neugrasp-round", 1
 MANY, FAR = 10**9, 1e9
@@ -44,7 +44,7 @@ class Attempt:
     width: float
     """Predicted, metres."""
     position: tuple[float, float, float]
-    """Of the TCP, world frame, metres."""
+    """Position of the TCP, world frame, metres."""
     quaternion_xyzw: tuple[float, float, float, float]
     success: bool
     reason: str
@@ -78,7 +78,7 @@ class Episode:
     """One of `ENDINGS`."""
     attempts: tuple[Attempt, ...] = ()
     scene_sha256: str = ""
-    """Of the bodies as they lay at the beginning."""
+    """Hash of the bodies as they lay at the beginning."""
     error: str = ""
     """Why it crashed."""
     timing_s: dict[str, float] = field(default_factory=dict)

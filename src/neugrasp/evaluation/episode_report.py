@@ -42,7 +42,7 @@ WIDTH = 300
 COLOURS = np.array(
     [[150, 150, 150], [214, 110, 80], [90, 140, 200], [230, 190, 80], [110, 175, 110], [165, 120, 190]]
 )
-"""Of the table and of bodies, in pictures that show shape only."""
+"""Colours of the table and of bodies, in pictures that show shape only."""
 STYLE = """body{font:15px/1.4 system-ui,sans-serif;margin:2em auto;max-width:1300px;padding:0 1em;color:#222}
 .attempt{border-left:6px solid #c0392b;padding:0 0 .5em 1em;margin:1.5em 0}.attempt.good{border-color:#27ae60}
 .row{display:flex;flex-wrap:wrap;gap:8px}figure{margin:0}img{display:block;max-width:100%}figcaption{color:#666}"""

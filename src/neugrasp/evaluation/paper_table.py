@@ -57,7 +57,7 @@ class Row:
 
     @property
     def key(self) -> tuple[str, str, str, str]:
-        """Of `PAPER`."""
+        """The key of `PAPER`."""
         asked = self.evaluation
         return asked.detector, asked.scene, asked.materials, asked.strategy
 

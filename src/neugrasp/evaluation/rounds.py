@@ -47,7 +47,7 @@ class Round:
 
     @property
     def scene_sha256(self) -> str:
-        """Of what lies where; materials do not count."""
+        """Hash of what lies where; materials do not count."""
         bodies = json.dumps([asdict(body) for body in self.scene.bodies])
         return hashlib.sha256(bodies.encode()).hexdigest()
 

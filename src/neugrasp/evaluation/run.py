@@ -39,7 +39,7 @@ from neugrasp.terminal import next_step
 
 log = logging.getLogger(__name__)
 FORMAT, VERSION = "neugrasp-metrics", 1
-"""Of metrics.json."""
+"""Format and version of metrics.json."""
 
 
 def run(config: Evaluate) -> str:

@@ -9,7 +9,8 @@ from typing import ClassVar, Literal
 
 @dataclass(frozen=True)
 class Export:
-    """Grasps in the convention of another program (drawn in docs/conventions.md), in the world's frame."""
+    """Writes grasps in the convention of another program (drawn in docs/conventions.md), in the world
+    frame."""
 
     doing: ClassVar[str] = "writing the grasps"
 
@@ -26,5 +27,5 @@ class Export:
     frame_id: str | None = None
     """For ros: the name of your world in the tree of transforms; by default world."""
     link: Literal["tcp", "hand", "panda_link8"] | None = None
-    """For ros and ur: what the poses are of, the TCP between the pads (by default), the hand's flange, or,
-    for ros, the last link of the Panda's arm, which MoveIt moves."""
+    """For ros and ur: the link whose poses are written: the TCP between the pads (by default), the hand's
+    flange, or, for ros, the last link of the Panda's arm, which MoveIt moves."""

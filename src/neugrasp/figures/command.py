@@ -29,8 +29,8 @@ class Figure:
     weights: str = "neugrasp"
     """A name of bundled weights, or a file."""
     without: str | None = None
-    """For priors: weights of a model trained without backgrounds. By default, the figure shows what the model
-    of --weights makes of photos whose empty table was taken away."""
+    """For priors: weights of a model trained without backgrounds. By default the model of --weights is
+    shown without its photos of the empty table."""
     gripper: str = "panda"
     """The gripper to draw: a name of a bundled one, or a file."""
     view: int = 0
@@ -38,6 +38,6 @@ class Figure:
     seed: int = 0
     """For features: chooses the pixels that are embedded."""
     device: str = "cpu"
-    """Where PyTorch computes: cpu, cuda, cuda:1."""
+    """Device of PyTorch: cpu, cuda, cuda:1."""
     precision: Literal["float32", "bfloat16"] = "float32"
-    """Of its products."""
+    """Precision of its products."""

@@ -29,7 +29,7 @@ masks tell."""
 NEIGHBOURS = 10
 """Asked whether they are object, too."""
 PERCENTILES = (1, 99)
-"""Of a component: what lies beyond has the colour of the end."""
+"""Percentiles of a component: what lies beyond has the colour of the end."""
 PAPER = (250, 250, 250)
 TABLE = (190, 184, 172)
 COLOURS = np.array(
@@ -43,7 +43,7 @@ COLOURS = np.array(
         (227, 119, 194),
     ]
 )
-"""Of objects, in turn."""
+"""Colours of objects, in turn."""
 DOT = 3.5
 """Radius in pixels."""
 OVERSAMPLING, FILLED = 3, 0.92

@@ -32,7 +32,7 @@ class FigureInput:
     name: str
     views: Views
     index: int
-    """Of the photo that is drawn."""
+    """Index of the photo that is drawn."""
     truth: Truth | None
 
     @property

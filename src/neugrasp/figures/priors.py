@@ -29,7 +29,7 @@ SIZE = 320
 DRAWN = 5
 """Grasps drawn into a photo; more hide the objects."""
 MASK = "0.3"
-"""Of the L1 in the captions: the headline of the benchmark."""
+"""Mask of the L1 in the captions: the headline of the benchmark."""
 
 
 @dataclass(frozen=True)

@@ -66,12 +66,12 @@ class LookupTable:
 
     @classmethod
     def of_maps(cls, maps: Float[Tensor, "views channels height width"]) -> LookupTable:
-        """Of maps, row by row of pixels; best where the channels lie last in memory."""
+        """A table of maps, row by row of pixels; best where the channels lie last in memory."""
         return cls.of(_pixels_as_rows(maps))
 
     @classmethod
     def of_images(cls, images: Float[Tensor, "views 3 height width"]) -> LookupTable:
-        """Of images, read exactly."""
+        """A table of images, read exactly."""
         rows = _pixels_as_rows(images)
         return cls(rows, rows.detach())
 
@@ -270,7 +270,7 @@ def volume_interpolation(unit: Float[Tensor, "points 3"], resolution: int) -> In
 
 
 def _between(places: Tensor, size: int) -> tuple[Tensor, Tensor]:
-    """Of places along an axis of `size` entries: the lower entry (int32), and the share of the next."""
+    """The lower entry (int32) of places along an axis of `size` entries, and the share of the next."""
     places = places.clamp(0, size - 1)
     lower = places.int().clamp_(max=size - 2)
     return lower, places - lower

@@ -93,7 +93,7 @@ class Tags:
     tags: tuple[Tag, ...]
     dictionary: str = "DICT_APRILTAG_36h11"
     upright: Upright | None = None
-    """Of AprilTags; None where it was not said."""
+    """How AprilTags stand; None where it was not said."""
 
     @property
     def size(self) -> tuple[float, float]:

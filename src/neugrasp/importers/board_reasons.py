@@ -14,9 +14,9 @@ from neugrasp.importers.planar_fit import Fit, fit, mapped
 from neugrasp.importers.seen_markers import Seen
 
 FEWEST_MARKERS = 4
-"""Of a chessboard, to tell its pattern by."""
+"""Fewest markers of a chessboard that tell its pattern."""
 PATTERN = 0.25
-"""Of a marker's edge in the photo, by which markers may be off their pattern."""
+"""Share of a marker's edge in the photo by which markers may be off their pattern."""
 LARGEST_BOARD = 16
 """Columns and rows that are tried."""
 

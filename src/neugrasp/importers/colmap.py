@@ -18,7 +18,7 @@ from neugrasp.importers.posed_image import Listed, PosedImage
 Cameras = dict[int, ColmapCamera]
 OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 POSE_FIELDS = 10
-"""Of the first line of an image: number, quaternion, translation, camera, name."""
+"""Fields of the first line of an image: number, quaternion, translation, camera, name."""
 
 logger = logging.getLogger(__name__)
 

@@ -9,7 +9,8 @@ from typing import ClassVar, Literal
 
 @dataclass(frozen=True, kw_only=True)
 class Import:
-    """Photos and cameras of other programs in, a scene folder out: whole, or nothing (docs/capture.md)."""
+    """Makes a scene folder from photos and cameras of other programs, whole or not at all
+    (docs/capture.md)."""
 
     doing: ClassVar[str] = "reading photos and cameras"
 
@@ -23,18 +24,20 @@ class Import:
     images: Path | None = None
     """The folder of the photos; by default images/ near the source."""
     backgrounds: Path | None = None
-    """The folder of those of the empty table, of the same names; by default backgrounds/ near the source."""
+    """The folder of photos of the empty table, with the same names; by default backgrounds/ near the
+    source."""
     views: tuple[str, ...] = ()
     """Names of the photos to use, 1 to 8; by default all that have a background."""
     board: str | None = None
-    """default, or a board's JSON file: the board in the photos says where the cube is and how large it is."""
+    """default, or a board's JSON file: the board in the photos says where the cube is, and gives the
+    scale."""
     alignment: Path | None = None
-    """A JSON file that says it instead: world_from_workspace, metres_per_unit, world_from_reconstruction."""
+    """A JSON file that says so instead: world_from_workspace, metres_per_unit, world_from_reconstruction."""
 
 
 @dataclass(frozen=True)
 class PrintBoard:
-    """The board to print and lay on the table, as PDF or PNG, in its true size."""
+    """Writes the board to print and lay on the table, as PDF or PNG in its true size."""
 
     doing: ClassVar[str] = "drawing the board"
 
@@ -43,4 +46,4 @@ class PrintBoard:
     board: str = "default"
     """default, or a board's JSON file (docs/data_format.md)."""
     paper: Literal["a4", "letter", "a3"] = "a4"
-    """Laid on its side."""
+    """Size of the paper, in landscape."""

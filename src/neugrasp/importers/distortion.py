@@ -23,7 +23,7 @@ class Lens:
     """3x3, pixels, no skew."""
     width: int
     height: int
-    """Of the photos that it was calibrated for, pixels."""
+    """Height of the photos that it was calibrated for, pixels."""
     radial: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """k1, k2, k3."""
     tangential: tuple[float, float] = (0.0, 0.0)

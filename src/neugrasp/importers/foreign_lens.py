@@ -19,7 +19,7 @@ from neugrasp.importers.lens_keys import HIGHER, Entry, LensEntry, entry_of, is_
 Size = tuple[float, float]
 COEFFICIENTS = ("k1", "k2", "k3", "p1", "p2")
 AGREEMENT = 0.01
-"""Of the focal length, by which two ways to say it may differ; rounding makes a tenth of that."""
+"""Share of the focal length by which two ways to say it may differ; rounding makes a tenth of that."""
 NARROWEST = np.radians(4)
 """Field of view in degrees; fewer would be radians, or no camera that sees a table."""
 REMEDY = (
@@ -200,7 +200,8 @@ def _single_bends(entry: LensEntry) -> list[float]:
 
 
 def _listed_bends(entry: LensEntry) -> list[float]:
-    """Of a list in OpenCV's order k1, k2, p1, p2, k3, then zeros; or in nerfstudio's, k1 to k4, p1, p2."""
+    """Coefficients of a list in OpenCV's order k1, k2, p1, p2, k3, then zeros; or in nerfstudio's, k1 to
+    k4, p1, p2."""
     is_nerfstudio = "nerfstudio bends" in entry
     if is_nerfstudio and "bends" in entry:
         raise InputError(f"{entry.where}: distortion_params and {entry.said['bends'][0]!r}; keep one")

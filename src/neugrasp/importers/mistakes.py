@@ -107,7 +107,7 @@ def _plausible(
 def _agreement(
     posed_images: Sequence[PosedImage], pairs: Mapping[str, Pair], workspace: Workspace
 ) -> Agreement:
-    """Of the backgrounds of the posed images, which are read when they are asked for."""
+    """Agreement of the backgrounds of the posed images, which are read when they are asked for."""
     photos: list[TablePhoto] = []
     points = table_points(workspace)
 

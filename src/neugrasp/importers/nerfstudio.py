@@ -144,7 +144,7 @@ def _suspects(written: Array) -> dict[str, Array]:
 
 
 def _rare_suspects(written: Array) -> dict[str, Array]:
-    """Of worlds whose vertical is another axis than that of the alignment's."""
+    """Poses of worlds whose vertical is another axis than that of the alignment's."""
     pose, where = written @ OPENCV_FROM_OPENGL, "write world_from_reconstruction"
     return {
         f"its world has y up (as of ARKit, ARCore, Unity), the alignment's z: {where} [[1, 0, 0, 0], "

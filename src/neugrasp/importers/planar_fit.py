@@ -12,7 +12,7 @@ LEAST_LIMIT = 0.6
 """Pixels: corners of chessboards are found within a tenth of a pixel, those of tags within a quarter. One of
 three tags that lies 3 mm beside its place makes 0.7 in a photo of 640 x 480 and moves the camera by 20 mm."""
 SHARE_LIMIT = 0.0008
-"""Of the photo's diagonal: large photos are no sharper, and their lenses no straighter."""
+"""Share of the photo's diagonal: large photos are no sharper, and their lenses no straighter."""
 
 
 @dataclass(frozen=True)

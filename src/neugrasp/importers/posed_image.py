@@ -26,7 +26,7 @@ from neugrasp.importers.resampling import (
 from neugrasp.observation import MAX_VIEWS, Image, View, Views
 
 LEAST_SHOWN = 0.2
-"""Of a photo, what must be left of it after undistorting and warping."""
+"""Share of a photo that must be left after undistorting and warping."""
 
 logger = logging.getLogger(__name__)
 
@@ -41,7 +41,7 @@ class PosedImage:
     world_from_camera: Array
     """4x4, OpenCV axes; its translation in the other program's unit until `placed`."""
     world_from_background: Array | None = None
-    """Of the camera that took the background, where it was not at the same place."""
+    """Pose of the camera that took the background, where it was not at the same place."""
     suspects: Mapping[str, Array] = field(default_factory=dict)
     """world_from_camera if one of the common mistakes was made in the other program's file, by its name."""
     flange_axis: Array | None = None

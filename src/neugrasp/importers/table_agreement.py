@@ -25,7 +25,7 @@ FAINTEST = 1.5
 USUAL_DISTANCE = 0.5
 """Metres between camera and table."""
 SHARED = 0.1
-"""Of the points, that two photos must both show to be compared."""
+"""Share of the points that two photos must both show to be compared."""
 
 
 @dataclass(frozen=True)

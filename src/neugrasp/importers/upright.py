@@ -29,7 +29,7 @@ STEP = 0.005
 REACH = 0.7
 """Metres around the tag."""
 CHANGED = 30
-"""Of 255, by which image and background differ where an object stands."""
+"""Grey levels of 255 by which image and background differ where an object stands."""
 FEWEST = 40
 """Points, 10 square centimetres, that must have changed in one of the two places in all views together."""
 CLEAR = 4.0

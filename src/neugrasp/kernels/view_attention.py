@@ -77,11 +77,11 @@ class LayerWeights(NamedTuple):
     from_message: Float[Tensor, "2*d d"]
     """The share in the hidden layer of a message that is normalised, but not scaled."""
     bias: Float[Tensor, "2*d 1"]
-    """Of the hidden layer: what the shift of normalised messages does there."""
+    """Bias of the hidden layer: what the shift of normalised messages does there."""
     contract: Float[Tensor, "d 2*d"]
     """`centred`."""
     scale: Float[Tensor, "d 1"]
-    """Of what is normalised last."""
+    """Scale of what is normalised last."""
     shift: Float[Tensor, "d 1"]
     """Likewise."""
 
@@ -114,7 +114,8 @@ class LayerWeights(NamedTuple):
 
 
 class _Kept(NamedTuple):
-    """Of a block, for the gradient; (k, tokens points), or with the channels split into place and head."""
+    """What is kept of a block for the gradient; (k, tokens points), or with the channels split into place
+    and head."""
 
     query: Tensor
     key: Tensor
@@ -231,14 +232,15 @@ def _before_attention(kept: _Kept, gradient: Tensor) -> tuple[Tensor, Tensor, Te
 
 
 def _shares(query: Tensor, key: Tensor) -> tuple[Tensor, Tensor]:
-    """Of each pair (h, m, t, p) in the sum (h, m, 1, p) of its query's weights; and that sum."""
+    """The share of each pair (h, m, t, p) in the sum (h, m, 1, p) of its query's weights, and that sum."""
     weights = _products(query, key)
     total = weights.sum(2, keepdim=True).add_(EPSILON)
     return weights.div_(total), total
 
 
 def _products(ones: Tensor, others: Tensor) -> Tensor:
-    """Of (c, h, m, p) and (c, h, t, p), the sums over the channels of a head for each pair (h, m, t, p)."""
+    """Sums of products of (c, h, m, p) and (c, h, t, p) over the channels of a head, for each pair (h, m,
+    t, p)."""
     return _sum_of_products(ones.unsqueeze(3), others.unsqueeze(2))
 
 

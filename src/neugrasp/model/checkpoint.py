@@ -30,7 +30,7 @@ NEUGRASP = "neugrasp"
 """The network that weights are of which do not name another."""
 VERSION = 1
 LARGEST, DEEPEST = 4096, 64
-"""Of any size in a configuration, and of blocks one behind the other."""
+"""Largest size in a configuration, and most blocks one behind the other."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ class Compute:
 
     device: torch.device
     precision: Precision = "float32"
-    """Of products and convolutions; geometry and weights are float32 always."""
+    """Precision of products and convolutions; geometry and weights are float32 always."""
 
     @classmethod
     def of(cls, device: str | torch.device, precision: str = "float32") -> Compute:

@@ -32,7 +32,7 @@ class PointSamples:
     seen: Bool[Tensor, "views rays*samples"]
     """Which views see which point."""
     colours: Float[Tensor, "views rays*samples 3"] | None = None
-    """Of the views' photos, in [0, 1], where they were asked for."""
+    """Colours of the views' photos, in [0, 1], where they were asked for."""
 
     @property
     def num_seen(self) -> Int[Tensor, "rays samples"]:
@@ -57,7 +57,7 @@ class EncodedViews:
     seen: Bool[Tensor, "views voxels"]
     """Which views see which voxel."""
     centres: Float[Tensor, "voxels 3"]
-    """Of the voxels [x, y, z], workspace metres."""
+    """Centres of the voxels [x, y, z], workspace metres."""
     cameras: CameraTensors
     workspace: Workspace
 

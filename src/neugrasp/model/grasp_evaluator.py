@@ -48,7 +48,7 @@ class FineGrid:
 
     @classmethod
     def of(cls, tsdf: Float[Tensor, "r r r"], workspace: Workspace) -> FineGrid:
-        """Of a grid in [-1, 1]. Outside the cube stands the table's plane and nothing else."""
+        """The finer grid of a grid in [-1, 1]. Outside the cube stands the table's plane and nothing else."""
         size, voxel = workspace.resolution, workspace.voxel_size
         heights = (torch.arange(-1, size + 1, device=tsdf.device) + 0.5) * voxel - workspace.table_height
         table = (heights / workspace.truncation).clamp(-1, 1)

@@ -24,7 +24,7 @@ class GraspVolume:
     width: Float[Tensor, "grids r r r"]
     """Opening in voxels."""
     logits: Float[Tensor, "grids r r r"]
-    """Of the quality, for a loss that does not saturate."""
+    """Logits of the quality, for a loss that does not saturate."""
 
 
 def _conv(channels_in: int, channels_out: int, kernel: int, stride: int = 1) -> nn.Conv3d:

@@ -44,7 +44,7 @@ class Rendered:
     opacity: Float[Tensor, " rays"]
     """Accumulated weight in [0, 1]."""
     weights: Float[Tensor, "rays intervals"]
-    """Of the intervals between samples."""
+    """Weights of the intervals between samples."""
     midpoints: Float[Tensor, "rays intervals"]
     """Distances of the midpoints of the intervals, metres."""
 

@@ -11,34 +11,34 @@ from neugrasp.detection.options import DetectorOptions
 
 @dataclass(frozen=True)
 class Run:
-    """Clears the table of a cell: look, detect, choose, plan, pick, drop, until it is empty. Goes on where it
-    stopped."""
+    """Clears the table of a cell: look, detect, choose, plan, pick, drop, until it is empty. Continues
+    where it stopped."""
 
     doing: ClassVar[str] = "reading the cell and planning the ways to its views"
 
     cell: Path
     """The cell file (docs/robot.md); examples/cells/twin.toml is a simulated one."""
     out: Path = Path("outputs/run")
-    """Where run.json and rounds/ are written, as `neugrasp evaluate` does: `inspect-episode`, `view` and
+    """Folder for run.json and rounds/, like those of `neugrasp evaluate`: `inspect-episode`, `view` and
     `failures` read them."""
     detector: str = "neugrasp"
-    """As in `neugrasp evaluate`; oracle is told the true surface of a simulated table, and needs no
-    photos."""
+    """A detector as in `neugrasp evaluate`; oracle knows the true surface of a simulated table, and needs
+    no photos."""
     weights: str = "neugrasp"
     """A name of bundled weights, or a file."""
     evaluator: str = "neugrasp"
-    """A name of a bundled evaluator of grasps, or a file: what the detectors that have one ask."""
+    """The evaluator of grasps, for detectors that ask one: a bundled name, or a file."""
     hand_check: bool = True
-    """Send grasps as deep as the surface lets the hand, and drop those whose hand would meet it, or close
-    on nothing."""
+    """Push each grasp as deep as the surface allows, and drop grasps that would collide or close on
+    nothing."""
     threshold: float | None = None
-    """Score from which a grasp is one; by default the detector's own."""
+    """Minimum score of a grasp; by default the detector's own."""
     strategy: Literal["top", "random", "highest"] = "top"
-    """In which order the detected grasps are tried until one can be reached."""
+    """Order in which detected grasps are tried until one can be reached."""
     max_failures: int = 3
-    """Failures in a row after which the arm stops."""
+    """Number of failures in a row after which the arm stops."""
     speed: float = 1.0
-    """Share of the cell's limits at which the arm moves, above 0 to 1."""
+    """Speed of the arm as a share of the cell's limits, above 0 and up to 1."""
     dry_run: bool = False
     """Print and draw every motion of the first round, and send nothing to arm or gripper."""
     photos: Path | None = None
@@ -48,15 +48,15 @@ class Run:
     view: bool = False
     """Show the run in the browser while it lasts, with a button that stops the arm."""
     host: str = "127.0.0.1"
-    """Where the page of --view listens; 0.0.0.0 lets other machines look and stop, too."""
+    """Address of the page of --view; 0.0.0.0 lets other machines look and stop, too."""
     port: int | None = None
-    """Where the page of --view listens; by default the first free one from 8080 on."""
+    """Port of the page of --view; by default the first free one from 8080 on."""
     samples: int = 4
-    """Of a pixel of the photos, in simulation: a power of two."""
+    """Render samples per pixel in simulation, a power of two."""
     device: str = "cpu"
-    """Where the detector computes: cpu, cuda, cuda:1."""
+    """Device of the detector: cpu, cuda, cuda:1."""
     precision: Literal["float32", "bfloat16"] = "float32"
-    """Of the detector's products."""
+    """Precision of the detector's products."""
 
     def options(self) -> DetectorOptions:
         """What the detector is told."""
@@ -65,7 +65,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Capture:
-    """Only takes the photos of a cell, as a scene folder: for `predict`, and for those who plan elsewhere."""
+    """Takes the photos of a cell and writes a scene folder, for `predict` or for those who plan elsewhere."""
 
     doing: ClassVar[str] = "reading the cell and planning the ways to its views"
 
@@ -74,16 +74,17 @@ class Capture:
     out: Path = Path("outputs/captured")
     """The scene folder; it must be new."""
     empty: bool = False
-    """Photograph the empty table, once; kept beside the cell file, in NAME_empty/."""
+    """Photograph the empty table, once; the photos are kept beside the cell file, in NAME_empty/."""
     speed: float = 1.0
-    """Share of the cell's limits at which the arm moves, above 0 to 1."""
+    """Speed of the arm as a share of the cell's limits, above 0 and up to 1."""
     samples: int = 4
-    """Of a pixel of the photos, in simulation: a power of two."""
+    """Render samples per pixel in simulation, a power of two."""
 
 
 @dataclass(frozen=True)
 class Calibrate:
-    """Where the camera sits on the flange, from photos of a printed board and the poses of the flange."""
+    """Finds where the camera sits on the flange, from photos of a printed board and the poses of the
+    flange."""
 
     doing: ClassVar[str] = "looking for the board in the photos"
 
@@ -100,7 +101,7 @@ class Cell:
     doing: ClassVar[str] = "examining the cell"
 
     action: Literal["check"]
-    """check: its places, its views, and the ways between them."""
+    """check: test its places, its views, and the ways between them."""
     cell: Path
     """The cell file (docs/robot.md)."""
 

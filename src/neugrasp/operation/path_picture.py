@@ -28,7 +28,7 @@ COLOURS = (
     (31, 119, 180), (255, 127, 14), (148, 103, 189), (214, 39, 40), (140, 86, 75), (227, 119, 194),
     (23, 190, 207), (188, 189, 34), (44, 160, 44), (90, 90, 90),
 )  # fmt: skip
-"""Of the motions, one after the other."""
+"""Colours of the motions, one after the other."""
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ class SeenTable:
 
 
 class NoGroundTruth:
-    """Of a real table: nothing is known."""
+    """The truth of a real table: nothing is known."""
 
     def surface_error(self, detection: Detection) -> SurfaceError:
         """Nothing."""

@@ -23,7 +23,7 @@ OUTLINE = (15, 15, 15, 200)
 FARTHEST = 1e5
 """Pixels: far beyond any picture, and well inside what PIL can draw."""
 NUMBER_SIZE = 0.03
-"""Of the digits, in sides of the photo."""
+"""Height of the digits, in sides of the photo."""
 
 
 def photo_of_workspace(view: View, workspace: Workspace, size: int = 512) -> View:

@@ -11,38 +11,39 @@ from neugrasp.detection.options import Steering
 
 @dataclass(frozen=True, kw_only=True)
 class Predict:
-    """Photos of a scene in; grasps.json, surface.ply, tsdf.npz and overlay.png out. The doctor takes a quick
-    look first; on red nothing is predicted."""
+    """Predicts grasps from the photos of a scene: grasps.json, surface.ply, tsdf.npz and overlay.png. The
+    doctor takes a quick look first; on red nothing is predicted."""
 
     doing: ClassVar[str] = "looking at the photos, then predicting, some seconds"
 
     scene: Path
     """A scene folder: scene.json, images/, backgrounds/ (docs/data_format.md)."""
     out: Path = Path("outputs/prediction")
-    """Where the files are written: all of them or none."""
+    """Output folder; all files are written, or none."""
     detector: str = "neugrasp"
-    """One that takes photos: a name, or package.module:NAME (docs/benchmark.md)."""
+    """A detector that takes photos: its name, or package.module:NAME (docs/benchmark.md)."""
     weights: str = "neugrasp"
     """A name of bundled weights, or a file."""
     gripper: str = "panda"
     """A name of a bundled gripper, or a file."""
     threshold: float | None = None
-    """Score from which a grasp is one; by default the one that the weights were judged with."""
+    """Minimum score of a grasp; by default the threshold stored with the weights."""
     report: bool = False
-    """Write report.html, too: the scene to turn, why candidates fell out, the doctor's verdict."""
+    """Also write report.html: the scene in 3D, why candidates were rejected, the doctor's verdict."""
     hand_check: bool = True
-    """Send grasps as deep as the surface lets the hand, and drop those that it speaks against."""
+    """Push each grasp as deep as the surface allows, and drop grasps that would collide or close on
+    nothing."""
     evaluator: str = "neugrasp"
-    """A bundled evaluator of grasps, or a file: what `--detector neugrasp-evaluator` asks."""
+    """The evaluator of grasps that `--detector neugrasp-evaluator` asks: a bundled name, or a file."""
     steering: Steering = field(default_factory=Steering)
     device: str = "cpu"
-    """Where PyTorch computes: cpu, cuda, cuda:1."""
+    """Device of PyTorch: cpu, cuda, cuda:1."""
     precision: Literal["float32", "bfloat16"] = "float32"
-    """Of its products."""
+    """Precision of its products."""
     examine: bool = False
-    """Let the doctor look at everything first, as `neugrasp doctor` does."""
+    """Run the whole `neugrasp doctor` first."""
     force: bool = False
-    """Predict even where the doctor says red."""
+    """Predict even if the doctor says red."""
     server: str | None = None
     """The address of a `neugrasp serve` that predicts in place of this machine, with its own weights and
     gripper: http://HOST:8421."""

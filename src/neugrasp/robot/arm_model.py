@@ -21,7 +21,7 @@ class Capsule:
     """0 is the base; i the frame after joint i, as Denavit and Hartenberg place it."""
     start: tuple[float, float, float]
     end: tuple[float, float, float]
-    """Of the segment, metres, in that frame."""
+    """End of the segment, metres, in that frame."""
     radius: float
 
 

@@ -20,7 +20,7 @@ class Step:
     what: str
     """In words for people."""
     motion: Trajectory | None = None
-    """Of the arm; None: the gripper moves, or a grasp is begun."""
+    """Motion of the arm; None: the gripper moves, or a grasp is begun."""
     until_contact: bool = False
     """Whether a contact ends the motion."""
     opening: float = 0.0

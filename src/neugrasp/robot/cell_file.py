@@ -65,7 +65,7 @@ class GripperPart:
 
     @property
     def flange_from_tcp(self) -> Array:
-        """Of the point between the pads."""
+        """Pose of the point between the pads."""
         pose = self.flange_from_hand.copy()
         pose[:3, 3] += self.gripper.tcp_height * pose[:3, 2]
         return pose
@@ -79,9 +79,9 @@ class CameraPart:
     address: str
     """A serial number, or the number of a device; empty: the first one."""
     camera: Camera
-    """Of its photos without distortion. Its `world_from_camera` means nothing: the camera moves."""
+    """Camera of its photos without distortion. Its `world_from_camera` means nothing: the camera moves."""
     lens: Lens
-    """Of its photos as they are taken."""
+    """Lens of its photos as they are taken."""
     flange_from_camera: Array
     housing: Array
     """(8, 3) corners of its box in the frame of the flange, metres."""

@@ -72,7 +72,7 @@ class Motion:
     approach_speed: float
     """m/s, on the way to a grasp."""
     timeout_s: float = 5.0
-    """Of one search for a way."""
+    """Longest time of one search for a way."""
 
     def checker(self, surface: Surface | None = None, wide: Surface | None = None) -> CollisionChecker:
         """What tells collisions, with what was seen on the table and how far from it is far enough."""

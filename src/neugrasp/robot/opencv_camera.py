@@ -23,7 +23,7 @@ from neugrasp.robot.still_photo import still_photo
 log = logging.getLogger(__name__)
 
 MANUAL_EXPOSURE = 1
-"""Of CAP_PROP_AUTO_EXPOSURE, as Video4Linux counts: 1 is manual, 3 automatic."""
+"""Value of CAP_PROP_AUTO_EXPOSURE, as Video4Linux counts: 1 is manual, 3 automatic."""
 EXPOSURE_UNIT_US = 100
 """Microseconds of one step of CAP_PROP_EXPOSURE there."""
 POLL_S = 0.2

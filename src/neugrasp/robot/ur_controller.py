@@ -31,7 +31,7 @@ from neugrasp.robot.interface import ArmState
 from neugrasp.robot.trajectory import PERIOD, Trajectory
 
 LOOKAHEAD_S, GAIN = 0.1, 300.0
-"""Of `servoJ`: the controller's usual ones."""
+"""Parameters of `servoJ`: the controller's usual ones."""
 NEWS_S = 0.1
 """Seconds within which the two connections of the library have the same news."""
 STALE_S = 0.2

@@ -28,7 +28,7 @@ from neugrasp.ros.parameters import CameraTopics, Parameters
 log = logging.getLogger(__name__)
 
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
-"""Of action_msgs/msg/GoalStatus."""
+"""Values of action_msgs/msg/GoalStatus."""
 NOTHING = np.empty((0, 3))
 QUIET_MS = 200
 """Milliseconds between photos of a camera: only the newest one counts."""

@@ -49,7 +49,7 @@ class CameraTopics:
     """A topic of sensor_msgs/msg/Image, or of CompressedImage where it ends with /compressed."""
     camera_info: str
     frame: str
-    """Of the optical axes: x right, y down, z forward."""
+    """Frame of the optical axes: x right, y down, z forward."""
     is_rectified: bool = True
     """Whether lens distortion is taken out of the photos, as by image_proc: then P is read, else K."""
 
@@ -61,7 +61,7 @@ class CameraTopics:
 
 @dataclass(frozen=True)
 class Parameters:
-    """Of a node."""
+    """Parameters of a node."""
 
     cameras: tuple[CameraTopics, ...]
     workspace: Workspace

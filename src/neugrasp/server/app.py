@@ -50,7 +50,7 @@ def gated(service: Service, host: str, token: str | None) -> Gate:
 
 
 async def _unusable(request: Request, error: Exception) -> JSONResponse:
-    """Of something that the client can mend."""
+    """The answer to something that the client can mend."""
     more = {"doctor": verdict_of(error.diagnosis)} if isinstance(error, Red) else {}
     return _problem(request, 422, "red" if more else "unusable", str(error), doctor=more.get("doctor"))
 
@@ -63,7 +63,7 @@ async def _refused(request: Request, error: Exception) -> JSONResponse:
 
 
 async def _misshapen(request: Request, error: Exception) -> JSONResponse:
-    """Of a part that is missing, or of another type."""
+    """The answer to a part that is missing, or of another type."""
     assert isinstance(error, RequestValidationError)
     words = [f"{'.'.join(map(str, one['loc']))}: {one['msg']}" for one in error.errors()]
     return _problem(request, 422, "misshapen", "; ".join(words)[:SHOWN])
@@ -75,7 +75,7 @@ async def _failed(request: Request, error: Exception) -> JSONResponse:
 
 
 async def _crashed(request: Request, error: Exception) -> JSONResponse:
-    """Of a mistake of ours; the gate logs what it was, under the name of the request."""
+    """The answer after a mistake of ours; the gate logs what it was, under the name of the request."""
     return _problem(request, 500, "crashed", "a mistake of the server; its log says more")
 
 

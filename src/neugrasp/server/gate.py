@@ -153,7 +153,7 @@ class Visit:
         self.received = 0
         """Bytes of the body so far."""
         self.status = 499
-        """Of the answer; 499 where nobody waited for one."""
+        """Status of the answer; 499 where nobody waited for one."""
         self.reason = ""
         """Why there was no detection."""
         self.facts: dict[str, Any] = {}

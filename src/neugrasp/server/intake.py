@@ -54,8 +54,8 @@ class Seen:
 
 
 def cell_of(scene: bytes, backgrounds: Sequence[Photo], most_pixels: int) -> Cell:
-    """Of a scene.json, whose names of photos are not looked at, and the photos of the empty table, in the
-    order of its views.
+    """The cell of a scene.json, whose names of photos are not looked at, and the photos of the empty table,
+    in the order of its views.
 
     Raises `InputError` where `read_scene` would.
     """

@@ -27,7 +27,7 @@ log = logging.getLogger(__name__)
 CONNECTIONS = 256
 """At once; further ones are answered with 503."""
 STEPS = 3
-"""Of a check: loading, listening, answering."""
+"""Steps of a check: loading, listening, answering."""
 START_S = 60.0
 """Seconds that it may take to listen."""
 

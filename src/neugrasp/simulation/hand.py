@@ -178,7 +178,7 @@ class Hand:
         return float(sum(state[0] for state in self._client.getJointStates(self.uid, (LEFT, RIGHT))))
 
     def finger_speeds(self) -> list[float]:
-        """Of both fingers, m/s."""
+        """Speeds of both fingers, m/s."""
         return [abs(state[1]) for state in self._client.getJointStates(self.uid, (LEFT, RIGHT))]
 
     def touches(self) -> bool:

@@ -19,7 +19,7 @@ Faces = NDArray[np.int64]
 LARGEST = 100_000_000
 """Bytes that a mesh may have."""
 FARTHEST = 1e9
-"""Of a coordinate, whatever its unit."""
+"""Largest coordinate, whatever its unit."""
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 STL_HEADER = 84
 STL_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])

@@ -20,7 +20,7 @@ class EngineShape:
     scale: Triple = (1.0, 1.0, 1.0)
     xyz: Triple = (0.0, 0.0, 0.0)
     rpy: Triple = (0.0, 0.0, 0.0)
-    """Of the scaled mesh in the frame of the body: metres, and radians about fixed axes."""
+    """Turn of the scaled mesh in the frame of the body: metres, and radians about fixed axes."""
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ MOTION = re.compile(r"origin|pose|scale|transform|quat\w*|r?py|xyz|rotation|tran
 """What moves, turns or scales, in plain letters: elements and attributes."""
 ATTRIBUTES = {"origin": ("xyz", "rpy"), "mesh": ("filename", "scale")}
 FARTHEST = 1000.0
-"""Of a coordinate in a URDF: metres, or units of a mesh that is scaled."""
+"""Largest coordinate in a URDF: metres, or units of a mesh that is scaled."""
 URDF_LIMIT = 1_000_000
 """Bytes of a URDF."""
 
@@ -51,7 +51,7 @@ class _Shape:
     """(3,)"""
     xyz: Array
     rpy: Array
-    """Of the scaled mesh: metres, and radians about fixed axes."""
+    """Place and turn of the scaled mesh: metres, and radians about fixed axes."""
 
     @property
     def link_from_mesh(self) -> Array:

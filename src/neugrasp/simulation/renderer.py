@@ -97,7 +97,7 @@ class Renderer:
 
     @property
     def process_id(self) -> int | None:
-        """Of the Blender process; None before the first photo."""
+        """Id of the Blender process; None before the first photo."""
         return None if self._process is None else self._process.pid
 
     def render(

@@ -15,7 +15,7 @@ from neugrasp.model.grasp_evaluator import GraspEvaluator
 from neugrasp.training.evaluator_trials import Seen
 
 BINS = 10
-"""Of the reliability curve."""
+"""Bins of the reliability curve."""
 
 
 @torch.no_grad()

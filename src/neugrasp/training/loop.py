@@ -48,7 +48,7 @@ class Schedule(Protocol):
     def patience(self) -> int: ...
 
     def learning_rate_at(self, step: int) -> float:
-        """Of a step, counted from 0."""
+        """Learning rate of a step, counted from 0."""
         ...
 
 

@@ -25,7 +25,7 @@ class PreparedView:
     view: View
     """Square photos; the camera in the workspace frame."""
     changes: Int8[np.ndarray, "size size"]
-    """Of `change_labels`."""
+    """Labels of `change_labels`."""
     depth: Float[np.ndarray, "size size"] | None = None
     """As in `Photos`."""
     sensed: tuple[Float[np.ndarray, "size size"], Bool[np.ndarray, "size size"]] | None = None

@@ -101,7 +101,7 @@ class Photos:
 
     views: ViewTensors
     changes: Int8[Tensor, "views size size"]
-    """Of `change_labels`."""
+    """Labels of `change_labels`."""
     depths: Float[Tensor, "views size size"] | None = None
     """True z-depths, metres, 0 where there is no surface, of photos for which they are known: what
     supervision by depth reads."""

@@ -42,7 +42,7 @@ class HeldOutScenes:
 
     @cached_property
     def truths(self) -> list[Truth]:
-        """Of known surface, with or without photos, and more of them: the head is quick."""
+        """Truths of known surface, with or without photos, and more of them: the head is quick."""
         return [self._scenes.truth(index, Symmetry()) for index in self._known]
 
 

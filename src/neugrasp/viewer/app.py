@@ -27,9 +27,9 @@ from neugrasp.viewer.viser_scene import ViserScene
 
 log = logging.getLogger(__name__)
 SMALL = (480, 300)
-"""Of the browser's window where only the scene is wanted: it draws that all the time, besides."""
+"""Size of the browser's window where only the scene is wanted: it draws that all the time, besides."""
 PAGE_ASPECT = 1.15
-"""Of the part of the page in which the scene is at first: the panel covers a strip on the right."""
+"""Aspect of the part of the page in which the scene is at first: the panel covers a strip on the right."""
 OVERSAMPLING = 2
 GROUND = np.array([255, 255, 255])
 

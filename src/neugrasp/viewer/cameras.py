@@ -18,7 +18,7 @@ SIDE = 0.108
 COLOUR: Colour = (60, 66, 78)
 THICKNESS = 0.0015
 MOST_PIXELS = 640
-"""Of the longer side of a photo sent to the browser."""
+"""Pixels of the longer side of a photo sent to the browser."""
 
 
 @lru_cache(maxsize=4)

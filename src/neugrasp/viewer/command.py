@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 
 @dataclass(frozen=True)
 class Viewer:
-    """Shows a capture, a prediction or a round of decluttering in the browser, to turn and to click on.
+    """Shows a capture, a prediction or a round of decluttering in the browser, in 3D.
 
     Needs the extra `view`: pip install 'neugrasp[view]'.
     """
@@ -21,7 +21,7 @@ class Viewer:
     scene: Path | None = None
     """The scene of a prediction; by default the one that it names."""
     round: int = 0
-    """Which round of an evaluation, from 0."""
+    """Round of an evaluation, counted from 0."""
     objects: Path | None = None
     """The folder of URDF objects that an evaluation or a record was made with."""
     gripper: str | None = None
@@ -31,20 +31,21 @@ class Viewer:
     size: tuple[int, int] = (1280, 960)
     """Width and height of the picture, pixels."""
     panel: bool = False
-    """The picture shows the page with its controls, not the scene alone."""
+    """Take the picture of the page with its controls, not of the scene alone."""
     colour: Literal["photos", "confidence", "views", "plain"] = "photos"
-    """What colours the surface."""
+    """How the surface is coloured."""
     grasps: int = 5
-    """How many grasps are drawn at first, the best ones."""
+    """Number of grasps drawn at first, the best ones."""
     hand: Literal["fingers", "whole", "lines"] = "fingers"
-    """What is drawn of the gripper at first."""
+    """How the gripper is drawn at first."""
     truth: bool = False
-    """Begin with the ground truth shown, where there is one."""
+    """Show the ground truth at first, where there is one."""
     moment: int = 0
-    """The moment of a round to begin with, from 0."""
+    """Moment of a round to show first, counted from 0."""
     browser: str | None = None
     """The Chromium or Chrome to take pictures with; by default the first one found."""
     host: str = "127.0.0.1"
-    """Where to listen; 0.0.0.0 lets other machines look, too."""
+    """Address to listen on; 0.0.0.0 lets other machines look, too."""
     port: int | None = None
-    """Where to listen, from 1024 to 65535; 0: any free one. By default the first free one from 8080 on."""
+    """Port to listen on, from 1024 to 65535; 0 takes any free one. By default the first free one from 8080
+    on."""

@@ -35,9 +35,9 @@ from neugrasp.viewer.vertex_colours import (
 CUBE: Colour = (150, 156, 166)
 PLAIN: Colour = (120, 165, 215)
 CHOSEN: Colour = (30, 90, 200)
-"""Of the region of a chosen object."""
+"""Colour of the region of a chosen object."""
 TRUE: Colour = (64, 190, 170)
-"""Of true surfaces and grasps."""
+"""Colour of true surfaces and grasps."""
 BELOW_TABLE = 0.0008
 """Metres by which the picture of the table lies below the table, so that bodies stand on it."""
 SLICE_PIXELS = 320

@@ -21,7 +21,7 @@ class MeshNode:
     colour: Colour | NDArray[np.uint8]
     """RGB, or (n, 3) for n vertices."""
     opacity: float = 1.0
-    """Of meshes of one colour."""
+    """Opacity of meshes of one colour."""
     is_faceted: bool = False
     """Whether its edges are to be seen; for meshes of one colour."""
     marker: GraspMarker | None = None

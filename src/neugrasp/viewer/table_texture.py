@@ -12,13 +12,13 @@ from neugrasp.geometry.workspace import Workspace
 from neugrasp.observation import View
 
 PIXELS = 600
-"""Of an edge of the picture."""
+"""Pixels of an edge of the picture."""
 MARGIN = 0.06
 """Metres of table drawn around the cube, where the photos show it."""
 FADE = 0.08
 """The part of a photo, from its edge, over which it fades out."""
 DEFAULT = (226, 224, 220)
-"""Of a table that no photo shows."""
+"""Colour of a table that no photo shows."""
 
 
 def edge(workspace: Workspace) -> float:

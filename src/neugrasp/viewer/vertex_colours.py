@@ -19,7 +19,7 @@ FINER = 2
 TABLE_TOLERANCE = 0.006
 """Metres above the table up to which a surface counts as table."""
 UNSEEN = np.array([118.0, 120.0, 126.0])
-"""Of what no photo shows."""
+"""Colour of what no photo shows."""
 RAMP = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]])
 """From 0 to 1: viridis."""
 GRAZING = 0.15

@@ -16,11 +16,11 @@ class GraspNerfConfig(NetworkConfig):
     image_blocks: tuple[int, int, int] = (1, 2, 6)
     ray_blocks: tuple[int, int, int] = (2, 3, 6)
     feature_dim: int = 32
-    """Of the image features, of the ray features and of what the aggregation makes of them."""
+    """Channels of the image features, of the ray features and of what the aggregation makes of them."""
     hidden_dim: int = 64
     """Widest layer of the aggregation."""
     ray_dim: int = 16
-    """Of a sample while the samples of a ray attend to one another; a multiple of `heads`."""
+    """Channels of a sample while the samples of a ray attend to one another; a multiple of `heads`."""
     heads: int = 4
     coarse_samples: int = 40
     fine_samples: int = 40

@@ -27,7 +27,7 @@ from neugrasp.model.inputs import prepare
 from neugrasp.observation import Observation, with_photos
 
 NAMES = ("graspnerf", "graspnerf-tsdf")
-"""Of the detectors, of their recipes and of their shipped weights."""
+"""Names of the detectors, of their recipes and of their shipped weights."""
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from neugrasp.training.networks import NetworkSpec, judge_surface
 from neugrasp.training.samples import Photos, Sample
 
 DEPTH_PIXELS = 1024
-"""Of each input view, for the loss of depth; the original takes 8192 of photos twice as large."""
+"""Pixels of each input view, for the loss of depth; the original takes 8192 of photos twice as large."""
 
 
 def graspnerf_losses(

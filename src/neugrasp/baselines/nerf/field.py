@@ -12,7 +12,7 @@ from neugrasp.baselines.nerf.hash_grid import HashGrid
 from neugrasp.baselines.nerf.histograms import resampled, weights_of
 
 MOST = 12.0
-"""Of the logarithm of a density, which keeps a first wild step finite."""
+"""Largest value of the logarithm of a density, which keeps a first wild step finite."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +34,7 @@ class FieldConfig:
     proposal_finest: tuple[int, ...] = (128,)
     """128, 256"""
     samples: int = 24
-    """Of the field along a ray; 48"""
+    """Samples of the field along a ray; 48"""
 
 
 @dataclass(frozen=True)

@@ -43,11 +43,12 @@ class FitConfig:
     interlevel: float = 1.0
     distortion: float = 2e-3
     depth: float = 1.0
-    """Of DS-NeRF's term, on the field and on the proposals."""
+    """Weight of DS-NeRF's term, on the field and on the proposals."""
     expected_depth: float = 5.0
-    """Of the error of the expected depth, in metres."""
+    """Weight of the error of the expected depth, in metres."""
     spread: tuple[float, float] = (0.02, 0.004)
-    """Of the bell that DS-NeRF's term asks for, metres, at the start and at the end, in geometric steps."""
+    """Width of the bell that DS-NeRF's term asks for, metres, at the start and at the end, in geometric
+    steps."""
     max_error: float = 0.03
     """Median error of the rendered depth, metres, beyond which the fit has diverged."""
 

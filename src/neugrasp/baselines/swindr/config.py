@@ -16,7 +16,7 @@ class SwinConfig(NetworkConfig):
     depths: tuple[int, int, int, int] = (2, 2, 2, 2)
     """Blocks of each stage (2, 2, 6, 2)."""
     heads: tuple[int, int, int, int] = (2, 4, 8, 8)
-    """Of attention (3, 6, 12, 24)."""
+    """Heads of attention (3, 6, 12, 24)."""
     window: int = 8
     """Edge of the windows of attention, in tokens of 4 pixels at the first stage (7)."""
     decoder_width: int = 32

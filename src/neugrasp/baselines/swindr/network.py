@@ -24,7 +24,7 @@ class Restored:
     """Depth images (b, h, w), z in metres."""
 
     depth: Tensor
-    """Of every pixel: the measurement where it is trusted, else what the network sees."""
+    """Depth of every pixel: the measurement where it is trusted, else what the network sees."""
     initial: Tensor
     """What the network sees by itself."""
     trust: Tensor
