@@ -29,7 +29,7 @@ class Grasp:
     width: float
     """Distance between the pads when they touch the object, metres."""
     score: float = 1.0
-    """Predicted probability of success, 0 to 1."""
+    """Predicted quality, 0 to 1: higher is better. It is no calibrated probability of success."""
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
     """Unit vector away from the table, in the frame of the pose; z in the workspace frame."""
 

@@ -26,7 +26,7 @@ class GraspModel(BaseModel):
     position: Row3 = Field(description="The TCP between the pads, metres.")
     quaternion_xyzw: Row4
     width: float = Field(description="Between the pads when they touch, metres.")
-    score: float = Field(description="Predicted probability of success.")
+    score: float = Field(description="Predicted quality, 0 to 1: higher is better, no probability.")
     pregrasp_position: Row3
     retreat_position: Row3
 
