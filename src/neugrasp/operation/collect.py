@@ -89,7 +89,7 @@ def collect(config: Collect, make_scene_renderer: MakeSceneRenderer | None = Non
 def _collect_real(config: Collect, cell: CellFile, folders: Mapping[int, Path]) -> None:
     """The model's picks, or those of a person, on a real table."""
     person = Person()
-    empty = read_empty(empty_folder(cell), cell.camera.camera)
+    empty = read_empty(empty_folder(cell), cell.camera)
     options = DetectorOptions(
         weights=config.weights,
         threshold=config.threshold,

@@ -3,8 +3,8 @@
 The library holds the interpreter while it connects, and may crash while a connection is lost; whoever drives
 the arm (`robot.ur_arm`) must outlive both. A motion is streamed at 125 Hz as targets of the joints
 (`servoJ`), so that the arm does exactly what was planned and looked at. At every target the driver looks
-at the controller: a force beyond the cell file's, a protective or emergency stop, old news or a lost connection end the motion, and the arm
-stands still by the controller's own doing.
+at the controller: a force beyond the cell file's, a protective or emergency stop, old news or a lost
+connection end the motion, and the arm stands still by the controller's own doing.
 """
 
 from __future__ import annotations
@@ -52,7 +52,8 @@ class Controller:
     """The controller at an address."""
 
     def __init__(self, address: str, force_limit: float):
-        """`force_limit` is the change of the force at the TCP, newton, at which a motion is ended. Raises `MissingExtra`, or `ConnectionLost` where there is no controller that takes commands."""
+        """`force_limit` is the change of the force at the TCP, newton, that ends a motion. Raises
+        `MissingExtra`, or `ConnectionLost` where there is no controller that takes commands."""
         rtde_receive, rtde_control = (
             require(name, extra="robot") for name in ("rtde_receive", "rtde_control")
         )
