@@ -87,7 +87,9 @@ def simulated_scenes(asked: Sequence[Evaluate], make: MakeSceneRenderer) -> Iter
 class CellScenes:
     """A real table: a pick changes it, and what is left is the next scene; a person lays new ones."""
 
-    def __init__(self, hardware: Hardware, empty: tuple[Shot, ...], detector: Detector[Views], person: Person):
+    def __init__(
+        self, hardware: Hardware, empty: tuple[Shot, ...], detector: Detector[Views], person: Person
+    ):
         self.gripper, self.detector = hardware.camera.cell.gripper.gripper, detector
         self._table = SeenTable(Photographs(hardware.camera, empty))
         self._robot = Robot(self._table, hardware.manipulator, self._table)
