@@ -27,8 +27,11 @@ class UrArm:
     """The arm at an address. Use as a context: leaving it stops the arm and the program on the controller."""
 
     def __init__(self, address: str, force_limit: float):
-        """`force_limit` is the change of the force at the TCP, newton, that ends a motion. Raises
-        `ConnectionLost` where no controller takes commands, and `RobotError` without ur_rtde."""
+        """`force_limit` is the change of the force at the TCP, newton, that ends a motion.
+
+        Raises `ConnectionLost` where there is no controller that takes commands, and `RobotError` without
+        ur_rtde.
+        """
         self._address = address
         context = multiprocessing.get_context("spawn")
         self._asking, theirs = context.Pipe()

@@ -52,8 +52,10 @@ class Controller:
     """The controller at an address."""
 
     def __init__(self, address: str, force_limit: float):
-        """`force_limit` is the change of the force at the TCP, newton, that ends a motion. Raises
-        `MissingExtra`, or `ConnectionLost` where there is no controller that takes commands."""
+        """`force_limit` is the change of the force at the TCP, newton, at which a motion is ended.
+
+        Raises `MissingExtra`, or `ConnectionLost` where there is no controller that takes commands.
+        """
         rtde_receive, rtde_control = (
             require(name, extra="robot") for name in ("rtde_receive", "rtde_control")
         )
