@@ -34,8 +34,9 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
 ]
 PATIENCE = 240
-BOUND_S = 5.0
-"""Seconds from the press of the button to the end of the program, on a busy machine."""
+BOUND_S = 30.0
+"""Seconds from the press of the button to the end of the program, on a busy machine; the motion under way
+would last more than a minute."""
 PRESS = "[...document.querySelectorAll('button')].find(b => b.innerText.includes('STOP')).click()"
 WORDS = "document.body ? document.body.innerText : ''"
 
@@ -83,17 +84,8 @@ def attempt(reason: str) -> Attempt:
     return Attempt(0, 0, 1, 1, 0.9, 0.03, (0.0, 0.0, 0.1), pose, False, reason, False, 0, 0.0, {}, {}, {})
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(900)
-@pytest.mark.parametrize("moment", ["moving: to view", "moving: to the pre-grasp"])
-def test_the_button_stops_a_motion_of_the_twin(tmp_path: Path, moment: str):
-    """So slow a cell that every motion lasts; the run ends with its reason, and the log is whole."""
-    words = ["run", str(TWIN), "--out", str(tmp_path / "run"), "--detector", "oracle", "--view"]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "neugrasp", *words, "--port", "0", "--speed", "0.05"],
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+def stopped_in(process: subprocess.Popen[str], moment: str) -> str:
+    """Presses the button when the page says the moment; what the program says from then on."""
     assert process.stderr is not None
     said: list[str] = []
     url = None
@@ -105,8 +97,28 @@ def test_the_button_stops_a_motion_of_the_twin(tmp_path: Path, moment: str):
         assert until(lambda: moment in browser.evaluate(WORDS)), browser.evaluate(WORDS)
         browser.evaluate(PRESS)
         pressed = time.monotonic()
-        rest = process.communicate(timeout=60)[1]
+        rest = process.communicate(timeout=4 * BOUND_S)[1]
         assert time.monotonic() - pressed < BOUND_S
+    return rest
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize(
+    ("moment", "speed"), [("moving: to view", "0.02"), ("moving: to the pre-grasp", "0.1")]
+)
+def test_the_button_stops_a_motion_of_the_twin(tmp_path: Path, moment: str, speed: str):
+    """So slow a cell that every motion lasts; the run ends with its reason, and the log is whole."""
+    words = ["run", str(TWIN), "--out", str(tmp_path / "run"), "--detector", "oracle", "--view"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "neugrasp", *words, "--port", "0", "--speed", speed],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        rest = stopped_in(process, moment)
+    finally:
+        process.kill()
     assert process.returncode == 2
     assert "the arm was stopped" in rest
     assert "the same command goes on" in rest
