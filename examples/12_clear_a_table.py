@@ -4,7 +4,8 @@
 
 The cell of this file is simulated: a UR5e with a 2F-85 that has to reach what it grasps. With the file of a
 real cell, and a detector that sees photos, the same lines drive a UR arm (docs/robot.md says what was tried).
-The same as a command: `neugrasp run`. Needs `pip install 'neugrasp[sim,robot]'`, and `render` for photos.
+`--dry-run` moves nothing. The same as a command: `neugrasp run`. Needs `pip install 'neugrasp[sim,robot]'`,
+and `render` for photos.
 """
 
 from __future__ import annotations
@@ -23,11 +24,13 @@ def main(
     cell: Path = Path(__file__).parent / "cells/twin.toml",
     detector: str = "oracle",
     out: Path = Path("outputs/cleared"),
+    dry_run: bool = False,
+    photos: Path | None = None,
 ) -> None:
-    """Says what is wrong with the cell, then clears its table."""
+    """Says what is wrong with the cell, then clears its table, or prints what it would do."""
     for finding in findings_of(read_cell(cell)):
         print(finding)
-    print(run(Run(cell, out, detector=detector)))
+    print(run(Run(cell, out, detector=detector, dry_run=dry_run, photos=photos)))
 
 
 if __name__ == "__main__":

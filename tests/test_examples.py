@@ -190,6 +190,8 @@ def test_examine_a_capture(run: Run) -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(importlib.util.find_spec("ompl") is None, reason="ompl is not installed")
 def test_clear_a_table(run: Run, tmp_path: Path) -> None:
+    assert "nothing was sent to arm or gripper" in run("12", "--dry-run")
+    assert not (tmp_path / "outputs/cleared/rounds").exists()
     printed = run("12")
     assert "right  way through 4 views and back" in printed
     assert "of 5 objects with" in printed

@@ -219,7 +219,7 @@ def test_nobody_at_the_terminal_and_a_twin_are_refused(tmp_path: Path):
 def test_the_driver_lets_go_reads_where_it_was_led_and_holds():
     ur = FakeUr()
     try:
-        with UrArm(ur.address) as arm:
+        with UrArm(ur.address, 100.0) as arm:
             arm.release()
             joints = [1.1, -1.2, 1.3, -1.4, -1.5, 0.6]
             ur.fault("led " + " ".join(map(str, joints)))

@@ -117,14 +117,14 @@ def plan() -> PickPlan:
     return MOTION.pick(CELL.out_of_sight, GRASP, CELL.drop, MOTION.checker())
 
 
-@pytest.mark.slow
-def test_a_thousand_faults(plan: PickPlan, monkeypatch: pytest.MonkeyPatch):
-    """At any call, of any kind, with and without contacts before; a fifth of the picks have none at all."""
+@pytest.mark.parametrize("seeds", [60, pytest.param(SEEDS, marks=pytest.mark.slow)])
+def test_faults_at_any_call(plan: PickPlan, monkeypatch: pytest.MonkeyPatch, seeds: int):
+    """Of any kind, with and without contacts before; a fifth of the picks have none at all."""
     monkeypatch.setattr(type(MOTION), "pick", lambda *_: plan)
     # Ways in the open are straight here: the search itself is tested elsewhere.
     monkeypatch.setattr(type(MOTION), "way", straight)
     endings: dict[str, int] = {}
-    for seed in range(SEEDS):
+    for seed in range(seeds):
         rng = np.random.default_rng(seed)
         fate = Fate(rng, at=int(rng.integers(1, 30)) if seed % 5 else 10**6)
         arm = FatefulArm(fate, CELL.out_of_sight.copy(), contact=0.3)
@@ -148,7 +148,7 @@ def test_a_thousand_faults(plan: PickPlan, monkeypatch: pytest.MonkeyPatch):
         endings[ending] = endings.get(ending, 0) + 1
     assert {fault.__name__ for fault in (*FAULTS, GripperFault)} <= set(endings)
     assert {"success", "collision on the way", "nothing between the fingers"} <= set(endings)
-    assert sum(endings.values()) == SEEDS
+    assert sum(endings.values()) == seeds
 
 
 def straight(motion: arm_hand.Motion, start: Array, goals: Array, *_: object, **__: object) -> Trajectory:

@@ -82,6 +82,7 @@ def test_hulls_wires_and_filter_have_the_pads_at_the_grasp(width: float):
     assert len(pads) == 2
     standing = CollisionFilter(HAND).standing(grasp.pose[None], np.array([width]))[0]
     np.testing.assert_allclose(standing, tool.standing(grasp).pose, atol=1e-12)
+    np.testing.assert_allclose(tool.reached(tool.standing(grasp)).pose, grasp.pose, atol=1e-12)
     wires = HAND.wireframe(width)
     assert wires[1, 0, 2] == pytest.approx(HAND.palm_height - HAND.tcp_height + HAND.tip_setback(width))
     assert wires[1, 1, 2] == pytest.approx(HAND.tip_height - HAND.tcp_height)

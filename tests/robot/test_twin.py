@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import replace
+from functools import partial
 from importlib.util import find_spec
 
 import numpy as np
@@ -16,7 +17,16 @@ from neugrasp.evaluation.protocols import protocol_of, strategy_of
 from neugrasp.geometry.pose import rotation_about
 from neugrasp.grasp import Grasp, Grasps
 from neugrasp.robot.cell_file import CellFile
-from neugrasp.robot.errors import MotionTimeout, Stopped, TooLow
+from neugrasp.robot.errors import (
+    ConnectionLost,
+    EmergencyStop,
+    ForceLimit,
+    MotionTimeout,
+    ProtectiveStop,
+    RobotError,
+    Stopped,
+    TooLow,
+)
 from neugrasp.robot.interface import Robot
 from neugrasp.robot.motion import Motion
 from neugrasp.robot.pick import DROPPED, SUCCESS, pick
@@ -26,6 +36,7 @@ from neugrasp.robot.tour import TouringCamera
 from neugrasp.robot.trajectory import Trajectory
 from neugrasp.robot.twin import TwinArm, TwinRobot
 from neugrasp.robot.workcell import cameras_of, planner_of, tour_of
+from neugrasp.simulation.arm import JointedArm
 from neugrasp.simulation.physics import World
 from robot_cells import down_at
 from toy_boxes import box, boxes_scene, grasp_of
@@ -33,6 +44,7 @@ from toy_boxes import box, boxes_scene, grasp_of
 pytestmark = pytest.mark.skipif(find_spec("ompl") is None, reason="needs neugrasp[robot]")
 
 UP = np.array([0.0, 0.0, 1.0])
+TWIN_SEEDS = 25
 BODIES = (box(0.08, 0.1), box(0.22, 0.1), box(0.15, 0.22))
 
 
@@ -159,3 +171,59 @@ def test_slower_is_the_same_way_in_more_time(cell: CellFile, motion: Motion):
     assert ways[1].duration == pytest.approx(2 * ways[0].duration, rel=0.05)
     with pytest.raises(TooLow):
         replace(slow.fence).check_pose(down_at(0.15, 0.15, 0.05))
+
+
+class FailingArm(TwinArm):
+    """Breaks down in the middle of one of its motions, and counts what it is told to do afterwards."""
+
+    def __init__(self, body: JointedArm, fault: RobotError, number: int):
+        super().__init__(body)
+        self.fault, self.left, self.told_after = fault, number, 0
+
+    def execute(self, motion: Trajectory, until_contact: bool, timeout_s: float) -> bool:
+        self.left -= 1
+        if self.left > 0:
+            return super().execute(motion, until_contact, timeout_s)
+        self.told_after += self.left < 0
+        half = motion.times <= motion.times[0] + motion.duration / 2
+        half[:2] = True
+        super().execute(Trajectory(motion.times[half], motion.joints[half]), until_contact, timeout_s)
+        raise self.fault
+
+
+def made_failing(made: list[FailingArm], fault: RobotError, number: int, body: JointedArm) -> FailingArm:
+    made.append(FailingArm(body, fault, number))
+    return made[-1]
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_rounds_with_a_fault_end_with_it_and_nothing_moves_afterwards(
+    world: World, cell: CellFile, motion: Motion, monkeypatch: pytest.MonkeyPatch
+):
+    """At any motion of a round: to a view, to a grasp, back, to the drop."""
+    kinds = (ProtectiveStop, EmergencyStop, ConnectionLost, MotionTimeout, ForceLimit)
+    for seed in range(TWIN_SEEDS):
+        rng = np.random.default_rng(seed)
+        fault = kinds[seed % len(kinds)](f"seed {seed}")
+        number = int(rng.integers(1, 14))
+        made: list[FailingArm] = []
+        maker = partial(made_failing, made, fault, number)
+        monkeypatch.setattr("neugrasp.robot.twin.TwinArm", maker)
+        twin = TwinRobot(world, boxes_scene(*BODIES[:2]), cell, motion)
+        truth = TruthCamera(world)
+        camera = TouringCamera(twin.arm, tour_of(cell, motion, cameras_of(cell)), truth)
+        config = EpisodeConfig(
+            protocol_of("paper"), strategy_of("top"), lambda i, j: np.random.default_rng([i, j]), UP
+        )
+        robot = Robot(camera, twin.manipulator, twin.table)
+        ground = SimulatedGroundTruth(twin.table, truth, judges=False)
+        with pytest.raises(type(fault)) as told:
+            declutter(config, 0, robot, Knowing(world), ground)
+        assert told.value is fault
+        stopped = twin.arm.state().joints
+        still = Trajectory(np.array([0.0, 1.0]), np.stack([stopped, stopped]))
+        with pytest.raises(type(fault)):
+            twin.arm.execute(still, until_contact=False, timeout_s=5)
+        assert made[0].told_after == 0
+        np.testing.assert_allclose(twin.arm.state().joints, stopped, atol=1e-4)

@@ -98,7 +98,8 @@ def _tried(guide: Guide, pose: Array, lifting: Array) -> Tried:
         held = gripper.holds() and opening > least
         _follow(guide, lifting[::-1])
     gripper.move(gripper.max_opening, guide.cell.gripper.force, GRIPPER_S)
-    return Tried(Grasp(pose, opening, up=(x, y, z)), held, opening)
+    stands = Grasp(pose, opening, up=(x, y, z))
+    return Tried(guide.hardware.motion.tool.reached(stands), held, opening)
 
 
 def _follow(guide: Guide, joints: Array) -> None:

@@ -37,7 +37,14 @@ class Tool:
     def standing(self, grasp: Grasp) -> Grasp:
         """Where the hand has to stand for a grasp: as much deeper as its fingers are shorter than closed
         ones."""
-        return grasp.advanced(float(self.gripper.tip_setback(min(grasp.width, self.gripper.max_opening))))
+        return grasp.advanced(self._setback(grasp.width))
+
+    def reached(self, standing: Grasp) -> Grasp:
+        """The reverse of `standing`: the grasp at the pads of a hand that stands somewhere."""
+        return standing.advanced(-self._setback(standing.width))
+
+    def _setback(self, width: float) -> float:
+        return float(self.gripper.tip_setback(min(width, self.gripper.max_opening)))
 
 
 def _fingers(gripper: Gripper, flange_from_hand: Array, opening: float) -> tuple[Array, ...]:
