@@ -80,7 +80,7 @@ def test_every_motion_is_told_and_drawn_and_nothing_is_connected(hardware: Path,
         Run(hardware, tmp_path / "run", dry_run=True, photos=photos(tmp_path / "scene"), speed=0.5)
     )
     assert "nothing was sent to arm or gripper" in said
-    assert "passed over: outside the limits (the TCP would be -50 mm above the table" in said
+    assert "passed over: outside the limits (the TCP would be -51 mm above the table" in said
     assert "TCP (+0.500, +0.020, +0.060) m" in said
     steps = json.loads((tmp_path / "run/dry_run/motions.json").read_text())
     names = ["to view 0", "to view 1", "to view 2", "to view 3", "out of sight", "gripper opens"]
@@ -99,7 +99,8 @@ def test_every_motion_is_told_and_drawn_and_nothing_is_connected(hardware: Path,
         poses = planner_of(cell).tcp(joints)
         np.testing.assert_allclose(step["tcp_position"], poses[:, :3, 3], atol=1e-9)
     grasped = next(step for step in steps if step["what"] == "straight to the grasp")
-    np.testing.assert_allclose(grasped["tcp_position"][-1], GRASPS[0].position, atol=1e-6)
+    deeper = cell.gripper.gripper.tip_setback(GRASPS[0].width) * GRASPS[0].approach
+    np.testing.assert_allclose(grasped["tcp_position"][-1], GRASPS[0].position + deeper, atol=1e-6)
     assert grasped["tcp_speed"] <= cell.approach_speed * 1.001
 
 
