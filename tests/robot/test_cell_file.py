@@ -116,7 +116,12 @@ def test_nothing_is_wrong_with_the_example():
         ("position = [0.35, -0.15, -0.05]", "position = [0.95, -0.15, -0.05]", "way through", "view 0"),
         ("drop = [110.0,", "drop = [178.0,", "drop place beside", "over the workspace"),
         ("-80.0, 110.0, -120.0", "-50.0, 110.0, -150.0", "place 'drop'", "above the table"),
-        ("intrinsics = [[459.14", "intrinsics = [[2000.0", "view 0 shows", "of 8 corners"),
+        (
+            "intrinsics = [[459.14, 0.0, 319.75], [0.0, 459.14,",
+            "intrinsics = [[2000.0, 0.0, 319.75], [0.0, 2000.0,",
+            "view 0 shows",
+            "of 8 corners",
+        ),
         ("zone = { low = [-0.1,", "zone = { low = [0.31,", "place 'drop'", "outside its zone"),
     ],
 )
