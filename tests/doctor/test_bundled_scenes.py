@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
+from neugrasp.data.scene_folder import read_scene
 from neugrasp.demo.bundled import DemoScene, demo_scenes
-from neugrasp.doctor.examination import examine_folder
+from neugrasp.doctor.examination import examine_folder, examine_read, known_table
 from neugrasp.doctor.findings import Level
+from neugrasp.observation import Views
 
 FIRST, *REST = demo_scenes()
 
@@ -19,3 +23,25 @@ FIRST, *REST = demo_scenes()
 def test_bundled_scenes_are_green(scene: DemoScene):
     diagnosis = examine_folder(scene.folder)
     assert diagnosis.level == Level.GREEN, diagnosis.lines(Level.YELLOW)
+
+
+def without_objects(views: Views) -> Views:
+    return replace(views, frames=tuple(replace(view, image=view.background) for view in views.frames))
+
+
+def test_what_is_known_of_the_table_before_there_are_photos_changes_no_finding():
+    views = read_scene(FIRST.folder)
+    table = known_table(without_objects(views))
+    assert table is not None
+    first, second, *others = views.frames
+    exchanged = (replace(first, image=second.image), replace(second, image=first.image), *others)
+    for frames in (views.frames, exchanged):
+        seen = replace(views, frames=frames)
+        told, plain = (examine_read(seen, tags=(), table=known) for known in (table, None))
+        assert told.findings == plain.findings
+    # Of a table that does not agree, its word is the same, too.
+    moved = replace(first.camera, world_from_camera=second.camera.world_from_camera)
+    wrong = replace(views, frames=(replace(first, camera=moved), second, *others))
+    found = known_table(without_objects(wrong))
+    plain = examine_read(wrong, tags=()).findings
+    assert [one for one in plain if one.item == "table"] == ([] if found is None else [found])

@@ -113,23 +113,6 @@ def test_red_is_refused_with_what_to_do_unless_it_is_forced(served: Running, sce
     assert post(served, "/v1/detect?force=true", parts).json()["doctor"]["level"] == "red"
 
 
-def test_at_a_cell_the_doctor_says_what_it_says_of_the_whole(served: Running, scene: Path):
-    """Also of a pose that is off, which the photos of the empty table tell, and photos that are exchanged."""
-    data = json.loads((scene / "scene.json").read_text())
-    for row in data["views"][1]["world_from_camera"][:2]:
-        row[3] += 0.05
-    parts = {kind: parts_of(scene, kind) for kind in ("image", "background")}
-    document = [("scene", ("scene.json", json.dumps(data).encode()))]
-    files = [*document, *parts["background"]]
-    assert httpx.put(f"{served.url}/v1/cells/off", files=files, timeout=60).status_code == 200
-    swapped = [("image", one[1]) for one in (*parts["image"][1::-1], *parts["image"][2:])]
-    for images in (parts["image"], swapped):
-        at_cell = post(served, "/v1/cells/off/detect?force=true", images).json()
-        whole = post(served, "/v1/detect?force=true", [*document, *images, *parts["background"]]).json()
-        assert at_cell["doctor"]["findings"]
-        assert at_cell["doctor"] == whole["doctor"]
-
-
 def test_a_page_to_look_at(served: Running, scene: Path):
     page = post(served, "/v1/report", parts_of(scene, *WHOLE))
     assert page.headers["content-type"].startswith("text/html")
