@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -154,3 +155,18 @@ def test_some_labels_outside_of_the_cube_are_told(capture: Path, caplog: pytest.
     write_capture(capture, moved(ball_record().views()), replace(labels, points=points))
     assert len(read_capture(capture).labels.success) == 40
     assert "10 of 40 grasp points lie outside of the cube: left out" in caplog.text
+
+
+@pytest.mark.timeout(20)
+def test_labels_that_are_no_file_are_not_waited_for(capture: Path):
+    file = capture / "grasps.npz"
+    file.unlink()
+    with pytest.raises(InputError, match=r"grasps\.npz: missing; it holds the grasps tried"):
+        read_capture(capture)
+    os.mkfifo(file)
+    with pytest.raises(InputError, match=r"grasps\.npz: is a pipe"):
+        read_capture(capture)
+    file.unlink()
+    file.mkdir()
+    with pytest.raises(InputError, match=r"grasps\.npz: is a folder"):
+        read_capture(capture)

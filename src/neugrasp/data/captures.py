@@ -14,6 +14,7 @@ from neugrasp.data.grasp_scene import GraspScene
 from neugrasp.data.label_checks import check_labels
 from neugrasp.data.labels import LABELS_FILE, GraspLabels, labels_from_bytes, labels_to_bytes
 from neugrasp.data.scene_folder import FILE, read_scene, write_scene
+from neugrasp.data.user_files import read_bytes
 from neugrasp.errors import DataError, InputError, told_as
 from neugrasp.observation import Views
 from neugrasp.output import whole_file
@@ -38,9 +39,9 @@ def read_capture(folder: Path, targets: bool = True) -> GraspScene:
     views = scene.in_workspace_frame()
     labels = folder / LABELS_FILE
     try:
-        data = labels.read_bytes()
-    except OSError as error:
-        raise InputError(f"{labels}: cannot be read ({error.strerror}); it holds the grasps tried") from error
+        data = read_bytes(labels)
+    except FileNotFoundError:
+        raise InputError(f"{labels}: missing; it holds the grasps tried") from None
     compared = _targets(folder / "targets", views) if targets else None
     if targets and compared is None and len(views) < FEWEST_VIEWS:
         raise InputError(

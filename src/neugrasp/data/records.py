@@ -24,6 +24,7 @@ from neugrasp.data.scene_folder import read_scene, write_scene
 from neugrasp.data.strict_json import read_json
 from neugrasp.data.trials import Trials, trials_from_bytes, trials_to_bytes
 from neugrasp.data.truth_file import truth_from_bytes, truth_to_bytes
+from neugrasp.data.user_files import read_bytes
 from neugrasp.data.whole_or_nothing import whole_folder
 from neugrasp.data.world import Scene, scene_from_json, scene_to_json
 from neugrasp.errors import DataError, InputError, told_as
@@ -180,13 +181,13 @@ def _read(folder: Path, photos: PhotosWanted, trials: bool) -> Record:
         (folder / "world.json").read_text(encoding="utf-8", errors="replace"), folder / "world.json"
     )
     cell = Fields(str(folder / "cell.json"), read_json(folder / "cell.json", "the work cell")).data
-    truth = truth_from_bytes((folder / "truth.npz").read_bytes(), str(folder / "truth.npz"))
+    truth = truth_from_bytes(read_bytes(folder / "truth.npz"), str(folder / "truth.npz"))
     record = Record(
         name=folder.name,
         scene=world,
         cell=cell,
         **(truth | (_photos(folder, photos) if cell.get("photos", True) else without_photos())),
-        labels=labels_from_bytes((folder / LABELS_FILE).read_bytes(), str(folder / LABELS_FILE)),
+        labels=labels_from_bytes(read_bytes(folder / LABELS_FILE), str(folder / LABELS_FILE)),
         trials=read_trials(folder) if trials else None,
     )
     check_record(record, str(folder))

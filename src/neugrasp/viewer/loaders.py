@@ -14,6 +14,7 @@ from neugrasp.data.camera_checks import check_rigid
 from neugrasp.data.labels import LABELS_FILE, labels_from_bytes
 from neugrasp.data.npz import npz_arrays
 from neugrasp.data.scene_folder import FILE, read_scene
+from neugrasp.data.user_files import read_bytes
 from neugrasp.data.world import Scene, scene_from_json
 from neugrasp.detection.files import read_grasp_list
 from neugrasp.errors import InputError, NeuGraspError
@@ -118,7 +119,7 @@ def _same_place(a: Workspace, b: Workspace) -> bool:
 def _read_grid(file: Path) -> tuple[Grid, Workspace]:
     if not file.is_file():
         raise InputError(f"{file}: missing; a prediction needs {GRASPS} and {GRID}")
-    arrays = npz_arrays(file.read_bytes(), {"tsdf": "f", "world_from_workspace": "f"}, str(file))
+    arrays = npz_arrays(read_bytes(file), {"tsdf": "f", "world_from_workspace": "f"}, str(file))
     pose = check_rigid(arrays["world_from_workspace"].tolist(), f"{file}: world_from_workspace")
     workspace = Workspace(world_from_workspace=pose)
     return checked(arrays["tsdf"], workspace, file), workspace
@@ -136,7 +137,7 @@ def _truth(folder: Path, workspace: Workspace, gripper: Gripper, objects: Path |
     grid = folder / "truth.npz"
     tsdf = None
     if grid.is_file():
-        stored = npz_arrays(grid.read_bytes(), {"tsdf": "f"}, str(grid))["tsdf"]
+        stored = npz_arrays(read_bytes(grid), {"tsdf": "f"}, str(grid))["tsdf"]
         tsdf = free_where_unseen(checked(stored, workspace, grid))
     world = folder / "world.json"
     solids: tuple[Solid, ...] = ()
@@ -149,7 +150,7 @@ def _true_grasps(file: Path, gripper: Gripper) -> tuple[GraspMarker, ...]:
     """Grasps that held; labels are given at the grasp point, the TCP lies farther along the approach."""
     if not file.is_file():
         return ()
-    labels = labels_from_bytes(file.read_bytes(), str(file))
+    labels = labels_from_bytes(read_bytes(file), str(file))
     held = np.flatnonzero(labels.success)
     chosen = held[np.linspace(0, len(held) - 1, min(len(held), MOST_TRUE_GRASPS)).astype(int)]
     grasps = []
