@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from PIL import Image as Picture
 
 from neugrasp.data.scene_folder import read_scene, write_scene
-from neugrasp.errors import InputError
+from neugrasp.errors import InputError, WriteError
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import from_quaternion, look_at
 from neugrasp.geometry.workspace import Workspace
@@ -291,7 +291,7 @@ def test_writing_a_scene_leaves_no_scene_behind_when_the_disk_is_full(
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "write_text", full)
-    with pytest.raises(OSError, match="No space left"):
+    with pytest.raises(WriteError, match=r"scene\.json: cannot be written \(No space left"):
         write_scene(tmp_path / "scene", small_views)
     assert not (tmp_path / "scene" / "scene.json").exists()
 

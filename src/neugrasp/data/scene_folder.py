@@ -92,7 +92,7 @@ def photo_files(path: str | Path) -> list[Path]:
 
 def write_scene(path: str | Path, views: Views) -> None:
     """Writes `views` as a scene into folder `path`. `scene.json` comes last and at once: a folder without it
-    is not a scene yet."""
+    is not a scene yet. Raises `WriteError` where the disk refuses it."""
     path = Path(path)
     document = scene_document(views)
     for entry, view in zip(document["views"], views.frames, strict=True):
