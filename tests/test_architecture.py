@@ -146,6 +146,7 @@ HEAVY |= {"cv2", "sklearn", "fastapi", "pydantic", "uvicorn", "httpx", "fcl", "o
 HEAVY |= {"rtde_control", "rtde_receive", "pyrealsense2"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("module", "absent"),
     [

@@ -244,6 +244,7 @@ def test_every_command_has_help(command: str, capsys: pytest.CaptureFixture[str]
     assert "--out " in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_help_comes_without_loading_the_network():
     code = (
         "import sys\nfrom neugrasp import cli\n"
@@ -308,6 +309,7 @@ def test_a_command_that_left_the_program_says_where_it_went(
     assert (Path(__file__).parents[1] / tool.split()[-1]).is_file()
 
 
+@pytest.mark.slow
 def test_the_package_runs_as_a_module():
     run = subprocess.run([sys.executable, "-m", "neugrasp", "--version"], capture_output=True, text=True)
     assert run.stdout == f"neugrasp {neugrasp.__version__}\n"

@@ -372,6 +372,7 @@ def program(*arguments: object, **environment: str) -> subprocess.CompletedProce
     return subprocess.run(command, capture_output=True, check=False, env={**os.environ, **environment})
 
 
+@pytest.mark.slow
 def test_a_terminal_that_knows_ascii_only_is_told_the_rest_spelt_out(tmp_path: Path, grasps: Path):
     out = tmp_path / "höhe\N{SNOWMAN}.csv"
     ended = program("export", grasps, "--format", "vgn", "--out", out, PYTHONIOENCODING="ascii")
@@ -381,6 +382,7 @@ def test_a_terminal_that_knows_ascii_only_is_told_the_rest_spelt_out(tmp_path: P
     assert out.exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["a\x1b[2Jb", "bell\x07", "del\x7f", "c1\x9b2J"])
 def test_a_name_cannot_move_the_terminal(tmp_path: Path, name: str):
     ended = program("export", tmp_path / name / "grasps.json")

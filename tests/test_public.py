@@ -25,6 +25,7 @@ def test_what_is_not_public_is_no_attribute():
         _ = ng.Grapsp
 
 
+@pytest.mark.slow
 def test_a_client_of_detections_needs_no_torch():
     code = "import sys, neugrasp as ng; ng.Detection, ng.Observation; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
@@ -40,11 +41,13 @@ def test_a_detector_by_name_by_weights_or_of_ones_own():
         ng.load_detector("neugrasp", grippr="panda")
 
 
+@pytest.mark.slow
 def test_importing_it_loads_neither_torch_nor_jaxtyping():
     code = "import sys, neugrasp; sys.exit(bool({'torch', 'jaxtyping', 'numpy'} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
+@pytest.mark.slow
 def test_tests_alone_check_shapes():
     code = (
         "import sys, neugrasp.model.network, neugrasp.detection.detector, neugrasp.training.module\n"

@@ -29,6 +29,7 @@ def test_the_first_commands_come_early():
     assert README.splitlines().index("```") < 25
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     not list((ROOT / "src/neugrasp/weights").glob("*.safetensors")), reason="no weights are bundled"
 )

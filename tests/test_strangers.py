@@ -75,6 +75,7 @@ def check_grasps(grasps: list[Grasp]) -> None:
         assert 0 <= grasp.score <= 1.001
 
 
+@pytest.mark.slow
 @many
 def test_a_list_of_grasps(examples: int, file: Path):
     write_grasps(file, [GRASP, GRASP], {"scene": "s", "gripper": "panda", "rejected": {"too_narrow": 3}})
@@ -82,6 +83,7 @@ def test_a_list_of_grasps(examples: int, file: Path):
     fuzz(reading(file, lambda f: check_grasps(read_grasps(f))), damaged_json(right), examples)
 
 
+@pytest.mark.slow
 @many
 def test_a_list_of_grasps_for_ros(examples: int, file: Path):
     ros.write(file, [GRASP], PANDA, ros.Stamp("map", "hand"))
@@ -89,6 +91,7 @@ def test_a_list_of_grasps_for_ros(examples: int, file: Path):
     fuzz(reading(file, lambda f: check_grasps(ros.read(f, PANDA))), damaged_json(right), examples)
 
 
+@pytest.mark.slow
 @many
 def test_a_list_of_grasps_for_ur(examples: int, file: Path):
     ur.write(file, [GRASP], PANDA, "tcp")
@@ -96,6 +99,7 @@ def test_a_list_of_grasps_for_ur(examples: int, file: Path):
     fuzz(reading(file, lambda f: check_grasps(ur.read(f, PANDA))), damaged_json(right), examples)
 
 
+@pytest.mark.slow
 @many
 def test_lists_of_grasps_of_other_programs(examples: int, tmp_path: Path):
     for module, name in ((graspnet, "a.npy"), (vgn, "a.csv")):
@@ -109,12 +113,14 @@ def test_lists_of_grasps_of_other_programs(examples: int, tmp_path: Path):
         fuzz(read, damaged_bytes((tmp_path / name).read_bytes()), examples // 2)
 
 
+@pytest.mark.slow
 @many
 def test_a_gripper(examples: int, file: Path):
     right = json.loads((Path(__file__).parents[1] / "src/neugrasp/grippers/robotiq_2f85.json").read_text())
     fuzz(reading(file, Gripper.load), damaged_json(right), examples)
 
 
+@pytest.mark.slow
 @many
 def test_a_round(examples: int, file: Path):
     write_episode(file, Episode(0, 2, EMPTY, (ATTEMPT,), "abc", "", {"detect": 1.0}, None))
@@ -122,6 +128,7 @@ def test_a_round(examples: int, file: Path):
     fuzz(reading(file, read_episode), damaged_json(json.loads(file.read_text())), examples)
 
 
+@pytest.mark.slow
 @many
 def test_the_description_of_an_evaluation(examples: int, tmp_path: Path):
     right = {
@@ -138,6 +145,7 @@ def test_the_description_of_an_evaluation(examples: int, tmp_path: Path):
     fuzz(read, damaged_json(right), examples)
 
 
+@pytest.mark.slow
 @many
 def test_a_world(examples: int):
     right = json.loads(scene_to_json(ball_record(size=32).scene))
@@ -151,6 +159,7 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @many
 def test_a_record(examples: int, record: Path, tmp_path: Path):
     """Whichever of its files is damaged."""
@@ -167,6 +176,7 @@ def test_a_record(examples: int, record: Path, tmp_path: Path):
             (record / name).write_bytes(right)
 
 
+@pytest.mark.slow
 @many
 def test_an_index_of_shards(examples: int, tmp_path: Path):
     right = {
@@ -178,6 +188,7 @@ def test_an_index_of_shards(examples: int, tmp_path: Path):
     fuzz(read, damaged_json(right), examples)
 
 
+@pytest.mark.slow
 @many
 def test_a_shard(examples: int, record: Path, tmp_path: Path):
     pack([record.parent], tmp_path)
@@ -190,6 +201,7 @@ def test_a_shard(examples: int, record: Path, tmp_path: Path):
     fuzz(read, damaged_bytes(path.read_bytes()), examples)
 
 
+@pytest.mark.slow
 @many
 def test_what_a_shard_says_of_a_record(examples: int, record: Path, tmp_path: Path):
     """Its checksums are right, what it says is not."""
@@ -208,6 +220,7 @@ def test_what_a_shard_says_of_a_record(examples: int, record: Path, tmp_path: Pa
     fuzz(read, damaged_json(json.loads(members[described])), examples)
 
 
+@pytest.mark.slow
 @many
 def test_arrays(examples: int):
     made = ball_record(size=32)
@@ -266,6 +279,7 @@ def weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 @many
 def test_weights(examples: int, weights: Path, tmp_path: Path):
     """Their header, their notes and their configuration, changed; the tensors themselves stay."""
@@ -292,6 +306,7 @@ def test_weights(examples: int, weights: Path, tmp_path: Path):
     fuzz(read, changed, examples)
 
 
+@pytest.mark.slow
 @many
 def test_bytes_of_weights(examples: int, weights: Path, tmp_path: Path):
     data = weights.read_bytes()
@@ -329,6 +344,7 @@ def public_weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 @many
 def test_public_weights(examples: int, public_weights: Path, tmp_path: Path):
     right = public_weights.read_bytes()[:4000]
@@ -375,6 +391,7 @@ URDF = """<robot name="x"><link name="b"><contact><lateral_friction value="0.7"/
 <collision><geometry><mesh filename="a.obj"/></geometry></collision></link></robot>"""
 
 
+@pytest.mark.slow
 @many
 def test_objects(examples: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """A URDF, an OBJ, and STL of both kinds."""

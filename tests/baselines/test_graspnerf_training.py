@@ -90,6 +90,7 @@ def test_losses_do_not_drift_however_often_it_is_stopped(name: str, data: Path, 
     assert losses_of(whole.out) == pytest.approx(json.loads(GOLDEN.read_text())[name], rel=1e-5)
 
 
+@pytest.mark.slow
 def test_it_goes_on_from_its_own_weights_or_from_a_head(data: Path, weights: Path, tmp_path: Path):
     run = Train(recipe=f"{RECIPES}:tiny", data=(data,), out=tmp_path / "more", init=str(weights), loaders=0)
     tiny = recipe(run.recipe)
@@ -124,6 +125,7 @@ def test_weights_are_read_back(weights: Path):
     assert notes_of(weights, "graspnerf")["threshold"] == 0.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_each_plays_a_round(name: str, weights: Path, tmp_path: Path, scene_renderer: type):
     path = weights

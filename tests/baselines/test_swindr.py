@@ -160,6 +160,7 @@ def losses_of(out: Path) -> list[float]:
     return [line["loss"] for line in lines if "loss" in line]
 
 
+@pytest.mark.slow
 def test_it_learns_goes_on_and_follows_the_golden_curve(data: Path, tmp_path: Path):
     whole = Train(recipe="swindr-tiny", data=(data,), validation=(data,), out=tmp_path / "whole", loaders=0)
     first = load_file(train(whole, config=quick()))
@@ -235,6 +236,7 @@ def test_trusted_depth_reaches_vgn_unchanged_where_the_user_has_the_table():
         assert inside.mean() > 0.5
 
 
+@pytest.mark.slow
 def test_it_plays_a_round_on_stereo_depth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("NEUGRASP_CACHE", str(tmp_path / "cache"))
     monkeypatch.syspath_prepend(Path(__file__).parent.parent / "simulation")

@@ -117,6 +117,7 @@ def test_scenes_without_fused_grids_are_named(tmp_path: Path):
         train(run, config=tiny())
 
 
+@pytest.mark.slow
 def test_it_plays_a_round(weights: Path, tmp_path: Path):
     game = Evaluate(
         out=tmp_path / "rounds", detector=SPEC, weights=str(weights), scene="single", rounds=1, seed=31,

@@ -184,6 +184,7 @@ def test_it_waits_as_long_as_the_server_says_and_longer_each_time_else():
     assert [_wait({}, tried) for tried in (1, 2, 3, 9)] == [1, 2, 4, 30]
 
 
+@pytest.mark.slow
 def test_it_needs_no_torch():
     code = (
         "import sys; from neugrasp.client import Client; Client('http://127.0.0.1:9').close(); "

@@ -187,6 +187,7 @@ def test_an_image_of_another_size_is_named(record: Record, tmp_path: Path) -> No
         read_record(tmp_path / "scene")
 
 
+@pytest.mark.slow
 def test_records_are_read_without_blender_pybullet_and_torch() -> None:
     code = (
         "import sys, neugrasp.data.records, neugrasp.data.shards; "

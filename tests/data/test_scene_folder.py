@@ -250,6 +250,7 @@ json_values = st.recursive(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(
     st.sampled_from(["format", "version", "workspace", "views", "size", "world_from_workspace"])

@@ -112,6 +112,7 @@ def test_access_is_random_and_survives_a_pickle(source: Path, tmp_path: Path) ->
         shards[len(shards)]
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(position=st.floats(0, 1), bit=st.integers(0, 7))
 def test_a_flipped_bit_is_an_error_or_harmless(

@@ -105,6 +105,7 @@ def test_a_damaged_table_is_named(change: dict[str, object], message: str, trial
     assert "there/trials.npz" in str(caught.value)
 
 
+@pytest.mark.slow
 @many
 def test_nothing_said_of_trials_ends_in_anything_but_one_error(examples: int, trials: Trials) -> None:
     arrays = npz_arrays(trials_to_bytes(trials), KINDS, "trials.npz")

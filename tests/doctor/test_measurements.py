@@ -31,6 +31,7 @@ def crop(good: Views) -> TableCrop:
     return table_crops(good)[1]
 
 
+@pytest.mark.slow
 @few
 @given(st.floats(-6, 6), st.floats(-6, 6), st.floats(0.5, 1.5))
 def test_any_shift_is_measured_to_a_tenth_of_a_pixel_behind_objects_and_in_another_light(

@@ -43,6 +43,7 @@ def evaluator(tmp_path_factory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_it_plays_a_round_and_says_what_it_asked(evaluator, tmp_path):
     config = Evaluate(
         out=tmp_path,

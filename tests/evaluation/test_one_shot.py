@@ -146,6 +146,7 @@ def test_surfaces_are_judged_by_material(run: OneShot, summary: dict[str, Any], 
     assert {"l1_0.3", "iou", "psnr", "ssim", "grasp_auc"} <= set(scores)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("keep", [0, 1, 4, 7])
 def test_a_run_goes_on_where_its_file_was_cut(
     keep: int,

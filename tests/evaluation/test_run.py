@@ -103,6 +103,7 @@ def test_what_is_written_agrees_with_itself(undisturbed: Path):
     assert "--detector antipodal" in metrics["command"]
 
 
+@pytest.mark.slow
 def test_two_workers_and_a_second_run_give_the_same_metrics(undisturbed: Path, tmp_path: Path):
     evaluate(small(tmp_path / "two", workers=2))
     assert told(tmp_path / "two") == told(undisturbed)
@@ -306,6 +307,7 @@ def test_the_threshold_is_the_users_or_the_weights_or_the_protocols(tmp_path: Pa
         assert oracle.threshold == threshold
 
 
+@pytest.mark.slow
 def test_a_detector_of_another_package_plays(tmp_path: Path, photographers: ModuleType):
     config = small(tmp_path / "out", detector="toy_detector:SPEC", rounds=1, seed=31)
     metrics = evaluate(config, photographers.NoiseRenderer)
@@ -322,6 +324,7 @@ def test_an_installed_detector_is_known_by_its_name(monkeypatch: pytest.MonkeyPa
         detector_spec("upwards")
 
 
+@pytest.mark.slow
 def test_photos_are_taken_for_the_network_and_backgrounds_once_for_all(
     tmp_path: Path, weights: str, photographers: ModuleType, monkeypatch: pytest.MonkeyPatch
 ):
@@ -352,6 +355,7 @@ def test_photos_are_taken_for_the_network_and_backgrounds_once_for_all(
     assert page.count("data:image/jpeg;base64,") == 4 * 3
 
 
+@pytest.mark.slow
 def test_samples_reach_the_renderer(
     tmp_path: Path, weights: str, photographers: ModuleType, monkeypatch: pytest.MonkeyPatch
 ):

@@ -186,6 +186,7 @@ counts = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.slow
 @counts
 @pytest.mark.parametrize("kind", READERS)
 def test_no_json_ends_in_anything_but_a_result_or_an_input_error(good: Path, kind: str, count: int):
@@ -194,6 +195,7 @@ def test_no_json_ends_in_anything_but_a_result_or_an_input_error(good: Path, kin
     fuzz(spoilt(document).map(as_json), read, good / name, count)
 
 
+@pytest.mark.slow
 @counts
 @pytest.mark.parametrize("kind", ["scene", "transforms", "robot"])
 def test_no_text_of_a_json_file_does(good: Path, kind: str, count: int):
@@ -201,6 +203,7 @@ def test_no_text_of_a_json_file_does(good: Path, kind: str, count: int):
     fuzz(spoilt_text((good / name).read_text()), read, good / name, count)
 
 
+@pytest.mark.slow
 @counts
 @pytest.mark.parametrize("name", ["cameras", "images"])
 def test_no_text_of_a_colmap_model_does(good: Path, name: str, count: int):
@@ -208,6 +211,7 @@ def test_no_text_of_a_colmap_model_does(good: Path, name: str, count: int):
     fuzz(spoilt_text(file.read_text()), model, file, count)
 
 
+@pytest.mark.slow
 @counts
 @pytest.mark.parametrize("name", ["cameras", "images"])
 def test_no_bytes_of_a_colmap_model_do(good: Path, name: str, count: int):
@@ -215,6 +219,7 @@ def test_no_bytes_of_a_colmap_model_do(good: Path, name: str, count: int):
     fuzz(spoilt_bytes(file.read_bytes()), model, file, count)
 
 
+@pytest.mark.slow
 @counts
 def test_no_text_of_a_csv_file_does(good: Path, count: int):
     file = good / "csv/poses.csv"

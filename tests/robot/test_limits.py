@@ -110,6 +110,7 @@ joints_near_home = arrays(np.float64, (6,), elements=st.floats(-1.5, 1.5)).map(l
 wild = arrays(np.float64, (6,), elements=st.floats(allow_nan=True, allow_infinity=True))
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(
     corners=st.lists(st.one_of(joints_near_home, joints_near_home, wild), min_size=1, max_size=4),

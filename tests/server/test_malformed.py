@@ -68,6 +68,7 @@ def check(answer: httpx.Response) -> None:
     assert "/tmp" not in problem["detail"]
 
 
+@pytest.mark.slow
 @QUICKLY
 @given(
     path=st.sampled_from(PATHS),
@@ -84,6 +85,7 @@ def test_any_parts(client: httpx.Client, path: str, parts: list[tuple[str, str, 
     check(client.post(path, files=[(name or "n", (file, data)) for name, file, data in parts]))
 
 
+@pytest.mark.slow
 @QUICKLY
 @given(
     path=st.sampled_from(PATHS),
@@ -112,6 +114,7 @@ def test_any_bytes(client: httpx.Client, path: str, kind: str, body: bytes):
     check(client.post(path, content=body, headers={"Content-Type": kind} if kind else {}))
 
 
+@pytest.mark.slow
 @QUICKLY
 @given(data=st.data())
 def test_any_scene(client: httpx.Client, scene: Path, data: st.DataObject):
@@ -132,6 +135,7 @@ def test_any_scene(client: httpx.Client, scene: Path, data: st.DataObject):
     check(client.post("/v1/detect", files=[*parts, *parts_of(scene, "image", "background")]))
 
 
+@pytest.mark.slow
 @QUICKLY
 @given(photo=PHOTOS, number=st.integers(1, 8))
 def test_any_photo(client: httpx.Client, scene: Path, photo: bytes, number: int):
@@ -140,6 +144,7 @@ def test_any_photo(client: httpx.Client, scene: Path, photo: bytes, number: int)
     check(client.post("/v1/detect", files=parts))
 
 
+@pytest.mark.slow
 @QUICKLY
 @given(
     steering=st.text(max_size=40)

@@ -152,6 +152,7 @@ def test_trials_are_added_once_and_change_nothing_else(undisturbed: Path, tmp_pa
         assert np.sum(record.trials.series == len(sources) - 1) == len(record.trials.met) * 4 * 6
 
 
+@pytest.mark.slow
 def test_two_workers_give_the_same_bytes(
     undisturbed: Path, tmp_path: Path, photographers: ModuleType
 ) -> None:
@@ -181,6 +182,7 @@ def test_a_longer_run_begins_with_the_shorter_one(
     assert all(path.stat().st_mtime_ns == mtime for path, mtime in before.items())
 
 
+@pytest.mark.slow
 def test_without_photos_the_same_scenes_and_labels_come(
     undisturbed: Path, tmp_path: Path, photographers: ModuleType
 ) -> None:
@@ -377,6 +379,7 @@ def test_samples_reach_the_renderer(
     assert [one["samples"] for one in described] == [8, 4]
 
 
+@pytest.mark.slow
 def test_two_runs_do_not_write_into_one_folder(tmp_path: Path, photographers: ModuleType) -> None:
     with generation._only_one(tmp_path), pytest.raises(InputError, match="another neugrasp generate"):
         generate(small(tmp_path), photographers.NoiseRenderer)
@@ -393,6 +396,7 @@ def test_a_cache_that_cannot_be_written_is_named_at_once(
     assert "drawn anew" not in caplog.text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_full_disk_is_one_clear_error_and_leaves_nothing_half_written(
     workers: int, tmp_path: Path, photographers: ModuleType

@@ -78,6 +78,7 @@ def small(out: Path, **changes: object) -> Generate:
     return replace(plain, **changes)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_generate_keeps_what_was_measured_beside_the_same_scene(scene_renderer: type, tmp_path: Path):
     (plain,) = generate(small(tmp_path / "plain"), scene_renderer)
     (stereo,) = generate(small(tmp_path / "stereo", stereo=True), scene_renderer)

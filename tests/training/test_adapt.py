@@ -109,6 +109,7 @@ def test_the_last_scenes_are_kept_aside(cell: Path):
     assert [at for _, at in held] == [4]
 
 
+@pytest.mark.slow
 def test_it_ends_early_with_the_best_weights_and_goes_on_as_if_never_stopped(
     cell: Path, start: Path, tmp_path: Path
 ):
@@ -146,6 +147,7 @@ def test_one_scene_leaves_none_to_keep_aside(tmp_path: Path, start: Path):
         train(run, config=course())
 
 
+@pytest.mark.slow
 def test_real_and_simulated_scenes_are_learned_from_together(cell: Path, start: Path, tmp_path: Path):
     """The head rehearses on the grids of those scenes that have one."""
     run = Train(recipe="tiny", data=(cell, tmp_path / "sim"), out=tmp_path / "out", steps=4, loaders=0)

@@ -64,6 +64,7 @@ def weights(tmp_path_factory) -> Path:
     return path
 
 
+@pytest.mark.slow
 @many
 def test_nothing_said_of_an_evaluator_ends_in_anything_but_one_error(examples, weights, tmp_path):
     header, rest = split(weights)
@@ -80,6 +81,7 @@ def test_nothing_said_of_an_evaluator_ends_in_anything_but_one_error(examples, w
     fuzz(read, changed, examples)
 
 
+@pytest.mark.slow
 @many
 def test_nothing_said_of_lessons_does(examples, data, tmp_path):
     right = json.loads((data / ABOUT).read_text())

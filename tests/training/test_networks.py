@@ -53,6 +53,7 @@ def toy(**changes: object) -> TrainConfig:
     )
 
 
+@pytest.mark.slow
 def test_a_toy_network_learns_goes_on_and_plays(data: Path, tmp_path: Path, scene_renderer: type):
     run = Train(recipe="toy", data=(data,), validation=(data,), out=tmp_path / "toy", loaders=0)
     train(run, config=toy(steps=1))

@@ -39,6 +39,7 @@ def test_a_signed_distance_of_one_stays_four_voxels():
         Workspace.with_edge(0.3, 20)
 
 
+@pytest.mark.slow
 def test_it_trains_and_detects_and_no_other_cube_is_taken_for_it(data: Path, tmp_path: Path):
     run = Train(recipe="tiny", data=(data,), validation=(data,), out=tmp_path / "out", steps=3, loaders=0)
     weights = train(run, config=replace(recipe("tiny"), steps=3, head_steps=1))

@@ -20,6 +20,7 @@ from neugrasp.training.state import TrainState
 from neugrasp.training.trainer import train
 
 
+@pytest.mark.slow
 def test_what_is_shipped_is_the_moving_average(tmp_path: Path, make_record, monkeypatch: pytest.MonkeyPatch):
     optimiser = replace(tiny().optimiser, average=0.9)
     monkeypatch.setitem(RECIPES, "slow", lambda: replace(tiny(), optimiser=optimiser, checkpoint_every=1))

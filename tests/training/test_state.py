@@ -94,6 +94,7 @@ def test_moments_of_another_shape_are_damage(folder: Path):
         restored(folder)
 
 
+@pytest.mark.slow
 @many
 def test_nothing_said_of_a_state_ends_in_anything_but_one_error(examples: int, folder: Path):
     header, rest = split(folder / STATE)
@@ -111,6 +112,7 @@ def test_nothing_said_of_a_state_ends_in_anything_but_one_error(examples: int, f
     fuzz(read, strange, examples)
 
 
+@pytest.mark.slow
 @many
 def test_no_bytes_of_a_state_do(examples: int, folder: Path):
     data = (folder / STATE).read_bytes()

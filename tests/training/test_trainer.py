@@ -75,6 +75,7 @@ def without_photos(tmp_path, make_record) -> Path:
     return tmp_path / "bare"
 
 
+@pytest.mark.slow
 def test_scenes_without_photos_teach_the_head_alone(data, without_photos, tmp_path, monkeypatch):
     monkeypatch.setitem(RECIPES, "tiny-head", lambda: replace(recipe("tiny"), steps=3, head_steps=3))
     first = train(Train(recipe="tiny-head", data=(without_photos,), out=tmp_path / "head"))
@@ -84,6 +85,7 @@ def test_scenes_without_photos_teach_the_head_alone(data, without_photos, tmp_pa
         train(Train(recipe="tiny", data=(without_photos,), out=tmp_path / "tiny"))
 
 
+@pytest.mark.slow
 def test_of_another_network_only_the_head_is_taken(data, without_photos, tmp_path, monkeypatch):
     tiny = recipe("tiny")
     still = replace(tiny.optimiser, learning_rate=0, average=0)
@@ -106,6 +108,7 @@ def test_of_another_network_only_the_head_is_taken(data, without_photos, tmp_pat
     assert not list((tmp_path / "wider").glob("*.safetensors"))
 
 
+@pytest.mark.slow
 def test_some_of_the_scenes(data, tmp_path):
     run = Train(recipe="tiny", data=(data,), out=tmp_path / "one", steps=1, scenes=1)
     assert load_checkpoint(train(run)).about["scenes"] == 1
@@ -162,6 +165,7 @@ def test_resuming_with_other_facts_is_refused_and_names_them(data, held_out, tmp
             train(replace(other, resume=True))
 
 
+@pytest.mark.slow
 def test_a_run_is_extended(data, tmp_path):
     """The stages and the schedule belong to the longer run; what was learned stays."""
     run = Train(recipe="tiny", data=(data,), out=tmp_path / "out")

@@ -36,6 +36,7 @@ def test_a_browser_that_is_not_there(monkeypatch: pytest.MonkeyPatch):
         find_browser()
 
 
+@pytest.mark.slow
 def test_contents_come_without_the_viewers_library(kept_capture: Capture):
     code = (
         "import sys\nfrom pathlib import Path\n"
