@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 from PIL import Image as Picture
 
 from neugrasp.data.scene_folder import read_scene
+from neugrasp.data.strict_json import read_json
 from neugrasp.data.world import Body
 from neugrasp.errors import InputError, require
 from neugrasp.geometry.pose import Array, apply, inverse, to_quaternion
@@ -104,7 +104,7 @@ class RealScene:
         views = read_scene(folder)
         workspace_from_world = inverse(views.workspace.world_from_workspace)
         try:
-            entries = json.loads((folder / "ground_truth.json").read_text(encoding="utf-8"))["objects"]
+            entries = read_json(folder / "ground_truth.json", "the ground truth")["objects"]
             things = tuple(
                 Thing(e["id"], workspace_from_world @ np.array(e["world_from_object"]), meshes.mesh(e["id"]))
                 for e in entries
