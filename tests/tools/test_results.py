@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import json
+import tarfile
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from neugrasp.errors import InputError
+from neugrasp.evaluation.protocols import protocol_of
+from neugrasp.evaluation.results_io import NEEDED, facts_of
+from neugrasp.evaluation.results_io import played as played_rounds
+from neugrasp.evaluation.scores import scores
 from results import main, write_results
 from rounds_by_hand import metrics, played
+
+ROOT = Path(__file__).parents[2]
 
 
 def test_the_page_of_results_has_a_row_and_an_origin_for_every_file(tmp_path: Path):
@@ -172,3 +179,20 @@ def test_a_page_that_cannot_be_made_leaves_what_is_there(tmp_path: Path, capsys:
     assert main(["--folder", str(tmp_path), "--out", str(own)]) == 2
     assert "holds neither" in capsys.readouterr().err
     assert own.read_text() == '{"mine": 1}'
+
+
+def test_the_page_of_the_repository_is_that_of_its_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(ROOT)
+    page = write_results(Path("docs/results"), tmp_path / "page.md")
+    assert page.read_text() == (ROOT / "docs/results.md").read_text()
+
+
+def test_rounds_that_an_older_version_played_give_the_figures_that_were_kept(tmp_path: Path):
+    name = "neugrasp_single_transparent-specular"
+    with tarfile.open(ROOT / f"docs/results/rounds/{name}.tar.xz") as archive:
+        archive.extractall(tmp_path, filter="data")
+    facts = facts_of(tmp_path / name, NEEDED)
+    now = scores(played_rounds(tmp_path / name), protocol_of(facts["protocol"]))
+    kept = json.loads((ROOT / f"docs/results/{name}.json").read_text())
+    assert now["rounds"] == 56
+    assert now == {key: kept[key] for key in now}

@@ -123,3 +123,14 @@ def test_no_bytes_of_a_state_do(examples: int, folder: Path):
         return restored(folder)
 
     fuzz(read, damaged_bytes(data[: 8 + size]), examples)
+
+
+def test_what_a_run_writes_down_keeps_its_names():
+    """States that are there must be read: a field that is called otherwise makes them another run's."""
+    facts = Identity(tiny(), "data").facts()
+    assert {
+        "model.use_change",
+        "model.learned_sharpness",
+        "weights.grid_carving",
+        "head_steps",
+    } <= facts.keys()
