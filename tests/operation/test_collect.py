@@ -11,8 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from collecting import DOWN, Drawing, collect_a_little, little
+from collecting import DOWN, Combing, Drawing, collect_a_little, little
 from neugrasp.data.captures import read_capture
+from neugrasp.data.scene_folder import read_scene
+from neugrasp.detection.options import DetectorOptions
 from neugrasp.errors import InputError
 from neugrasp.evaluation.rounds import Rounds
 from neugrasp.geometry.pose import from_quaternion, rigid
@@ -69,15 +71,17 @@ def test_outcomes_are_those_of_physics(collected: Path):
         for number, kind in enumerate(("pile", "packed", "pile")):
             rounds = Rounds(kind, 5, library, "mixed", "groups8", split="train", domain=LAB)
             scene = rounds.make(number, world).scene
-            labels = read_capture(collected / "scenes" / f"{number:06d}").labels
-            for i, success in enumerate(labels.success.tolist()):
+            folder = collected / "scenes" / f"{number:06d}"
+            labels, seen = read_capture(folder).labels, read_scene(folder)
+            picks = Combing(DetectorOptions(gripper="robotiq_2f85")).detect(seen).grasps
+            for i, grasp in enumerate(wanted(picks, 6, np.random.default_rng([5, number]))):
                 world.reset(scene)
-                pose = from_quaternion(labels.quaternions[i], labels.points[i])
-                grasp = Grasp(pose, 0.04).advanced(gripper.tcp_depth)
                 trial = execute(world, grasp, allow_contact=True)
-                assert trial.success == success
-                assert labels.widths[i] == pytest.approx(trial.width, abs=2e-3)  # float32
-                outcomes.append(success)
+                assert trial.success == labels.success[i]
+                assert labels.widths[i] == np.float32(trial.width)
+                pose = from_quaternion(labels.quaternions[i], labels.points[i])
+                np.testing.assert_allclose(pose, grasp.advanced(-gripper.tcp_depth).pose, atol=1e-6)
+                outcomes.append(trial.success)
     assert 0 < sum(outcomes) < len(outcomes)
 
 

@@ -10,30 +10,30 @@ from neugrasp.simulation.domain import Domain, Earlier, HandEye, Lens, Room, Sen
 
 _LAMPS = [
     {
-        "position": [0.75, -0.35, 1.35], "target": [0.15, 0.15, 0.05], "size": 0.08, "irradiance": 1.1,
+        "position": [0.75, -0.35, 1.35], "target": [0.15, 0.15, 0.05], "size": 0.06, "irradiance": 1.3,
         "colour": [1.12, 1.0, 0.84],
     },
     {
-        "position": [-0.9, 1.1, 1.9], "target": [0.15, 0.15, 0.05], "size": 1.1, "irradiance": 0.4,
+        "position": [-0.9, 1.1, 1.9], "target": [0.15, 0.15, 0.05], "size": 1.1, "irradiance": 0.25,
         "colour": [0.93, 1.0, 1.08],
     },
 ]  # fmt: skip
-"""A desk lamp, small and warm, which throws hard shadows; a cool light panel."""
+"""A desk lamp, small and warm, which throws hard shadows; a cool light panel. The room is dim."""
 
 _TABLE = {
     "centre": [0.15, 0.10, 0.05],
     "size": [0.9, 0.75],
     "texture": {
-        "pattern": "noise",
-        "colours": [[0.2, 0.195, 0.185], [0.1, 0.1, 0.105], [0.27, 0.265, 0.25]],
-        "scale": 30.0,
+        "pattern": "bands",
+        "colours": [[0.1, 0.1, 0.1], [0.035, 0.035, 0.04], [0.17, 0.165, 0.16]],
+        "scale": 22.0,
         "offset": [3.1, -2.7, 0.4],
         "rotation": [0.0, 0.0, 0.35],
         "distortion": 0.5,
-        "contrast": 0.9,
+        "contrast": 1.0,
     },
-    "roughness": 0.11,
-    "specular": 0.75,
+    "roughness": 0.07,
+    "specular": 0.9,
     "floor": {
         "height": -0.70,
         "texture": {
@@ -48,25 +48,25 @@ _TABLE = {
     },
     "wall": None,
 }
-"""Coated grey laminate, glossier than any table of training (roughness 0.25 and up), in a pattern that only
+"""A varnished dark board, glossier than any table of training (roughness 0.25 and up), in a pattern that only
 objects have there."""
 
 LAB = Domain(
     name="lab",
     room=Room(
-        light={"hdri": "interior", "rotation": 2.2, "strength": 0.4, "exposure": -0.5, "lamps": _LAMPS},
+        light={"hdri": "interior", "rotation": 2.2, "strength": 0.28, "exposure": -0.75, "lamps": _LAMPS},
         table=_TABLE,
         seed=90210,
     ),
-    earlier=Earlier(turn=0.3, panorama=0.85, lamps=0.93),
+    earlier=Earlier(turn=0.5, panorama=0.75, lamps=0.85),
     lens=Lens(
         focal=(455.744, 454.798),
         principal_point=(321.525, 190.348),
         size=(640, 360),
-        radial=(0.025, -0.04),
-        tangential=(0.0006, -0.0004),
+        radial=(0.04, -0.06),
+        tangential=(0.001, -0.001),
     ),
-    sensor=Sensor(vignetting=0.3, shot=0.001, read=0.007, jpeg=75),
+    sensor=Sensor(vignetting=0.35, shot=0.003, read=0.012, jpeg=60),
     tone="AgX",
     hand_eye=HandEye(millimetres=1.5, degrees=0.3, view_millimetres=0.3, view_degrees=0.05, seed=7),
     friction=0.5,
