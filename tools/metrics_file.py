@@ -9,7 +9,7 @@ from typing import Any
 from neugrasp.data.fields import Fields, is_number
 from neugrasp.data.strict_json import read_json
 from neugrasp.errors import InputError
-from neugrasp.evaluation.run import FORMAT, VERSION
+from neugrasp.evaluation.results_io import FORMAT, VERSION
 
 WORDS = ("detector", "scene", "materials", "strategy", "protocol", "views", "command", "commit", "machine")
 COUNTS = ("seed", "successes", "attempts", "rounds", "objects")

@@ -15,6 +15,8 @@ from neugrasp.evaluation.episode import CRASHED, Episode, read_episode
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.simulation.objects import KINDS, ObjectLibrary
 
+FORMAT, VERSION = "neugrasp-metrics", 1
+"""Format and version of metrics.json."""
 WORDS = {"detector", "scene", "materials", "strategy", "protocol", "views", "gripper", "split"}
 NEEDED = ("object_sets", "scene", "seed", "views", "gripper", "materials")
 """What the rounds of an evaluation are made again from."""

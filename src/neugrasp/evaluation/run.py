@@ -19,6 +19,7 @@ from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.episode import CRASHED, Episode, attempt_line, read_episode, write_episode
 from neugrasp.evaluation.protocols import protocol_of, strategy_of
+from neugrasp.evaluation.results_io import FORMAT, VERSION
 from neugrasp.evaluation.rounds import num_rounds
 from neugrasp.evaluation.scores import scores
 from neugrasp.evaluation.tables import metrics_table
@@ -38,8 +39,6 @@ from neugrasp.simulation.renderer import Renderer, RenderSettings
 from neugrasp.terminal import next_step
 
 log = logging.getLogger(__name__)
-FORMAT, VERSION = "neugrasp-metrics", 1
-"""Format and version of metrics.json."""
 
 
 def run(config: Evaluate) -> str:
