@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -51,9 +52,20 @@ def part_of(file: Path) -> str:
     return file.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
-def imports(file: Path) -> Iterator[str]:
+@cache
+def nodes_of(file: Path) -> tuple[ast.AST, ...]:
+    """All of a file, parsed once for all rules."""
+    return tuple(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
+
+
+@cache
+def imports(file: Path) -> tuple[str, ...]:
     """Full names of all modules that a file imports, wherever in it and also by `require`."""
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    return tuple(_imports(file))
+
+
+def _imports(file: Path) -> Iterator[str]:
+    for node in nodes_of(file):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -130,7 +142,7 @@ def test_images_and_volumes_are_sampled_in_one_file():
 
 def test_only_the_program_prints():
     for file in FILES:
-        calls = [node for node in ast.walk(ast.parse(file.read_text())) if isinstance(node, ast.Call)]
+        calls = [node for node in nodes_of(file) if isinstance(node, ast.Call)]
         if file.name != "cli.py":
             assert not any(getattr(call.func, "id", None) == "print" for call in calls), file
 
@@ -184,7 +196,7 @@ def is_text(call: ast.Call) -> bool:
 @pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))
 def test_text_is_utf_8_on_every_system(file: Path):
     """Windows takes another encoding where none is named; `Path` methods, `os.fdopen`."""
-    for call in (node for node in ast.walk(ast.parse(file.read_text())) if isinstance(node, ast.Call)):
+    for call in (node for node in nodes_of(file) if isinstance(node, ast.Call)):
         name = getattr(call.func, "attr", None)
         owner = getattr(getattr(call.func, "value", None), "id", "")
         wanted = name in ("write_text", "fdopen") or (name == "read_text" and len(call.args) == 0)
@@ -207,7 +219,7 @@ def test_nothing_is_hidden_in_functions(file: Path):
         return
     hidden = [
         module
-        for function in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        for function in nodes_of(file)
         if isinstance(function, ast.FunctionDef)
         for module in _imported_in(function)
     ]
@@ -226,7 +238,7 @@ def test_there_are_no_circles():
 
 def _named(file: Path) -> Iterator[str]:
     """Modules that a file imports, also those that `from package import module` names."""
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    for node in nodes_of(file):
         if isinstance(node, ast.ImportFrom) and node.module:
             yield node.module
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
