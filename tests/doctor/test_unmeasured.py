@@ -161,6 +161,7 @@ def test_backgrounds_of_other_views_are_found_on_a_plain_table():
         np.testing.assert_array_equal(view.background, true.background)
 
 
+@pytest.mark.slow
 def test_a_cube_too_high_is_lowered_and_images_are_not_exchanged():
     good = bundled("pile_diffuse")
     raised = cube(lambda p: p @ rigid(translation=(0, 0, 0.03)))(good)

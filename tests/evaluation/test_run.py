@@ -113,6 +113,7 @@ def test_two_workers_and_a_second_run_give_the_same_metrics(undisturbed: Path, t
     assert all(path.stat().st_mtime_ns == mtime for path, mtime in before.items())
 
 
+@pytest.mark.slow
 def test_rounds_of_training_objects_are_others_and_say_so(undisturbed: Path, tmp_path: Path):
     evaluate(small(tmp_path, split="train", rounds=1))
     assert told(tmp_path)["split"] == "train"
@@ -143,6 +144,7 @@ def test_rounds_of_two_grippers_of_one_name_are_never_mixed(tmp_path: Path):
     compare(tmp_path / "a", tmp_path / "b")
 
 
+@pytest.mark.slow
 def test_a_longer_run_goes_on_from_a_shorter_one(undisturbed: Path, tmp_path: Path):
     evaluate(small(tmp_path, rounds=1))
     evaluate(small(tmp_path))
@@ -219,6 +221,7 @@ def test_the_program_says_what_is_wrong(tmp_path: Path, capsys: pytest.CaptureFi
     assert "no.pth: cannot be read" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_round_that_crashes_is_reported_and_tried_again(
     undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -118,6 +118,7 @@ def test_without_photos_of_this_cell_there_is_no_dry_run(hardware: Path, tmp_pat
         run.run(Run(hardware, tmp_path / "run", photos=tmp_path / "scene"))
 
 
+@pytest.mark.slow
 def test_a_twin_is_rehearsed_with_its_own_table(tmp_path: Path):
     said = run.run(Run(TWIN, tmp_path / "run", detector="oracle", dry_run=True))
     assert "to view 3" in said

@@ -117,6 +117,7 @@ def test_some_of_the_scenes(data, tmp_path):
             train(replace(run, out=tmp_path / "other", scenes=number))
 
 
+@pytest.mark.slow
 def test_two_trainings_never_share_a_folder(data, tmp_path):
     """The second one neither begins nor touches what the first one wrote."""
     run = Train(recipe="tiny", data=(data,), out=tmp_path / "run", steps=2, validation=(data,))
@@ -133,6 +134,7 @@ def test_two_trainings_never_share_a_folder(data, tmp_path):
     assert not half_written.exists()
 
 
+@pytest.mark.slow
 def test_bfloat16_is_left_where_the_processor_is_slow_at_it(data, tmp_path, monkeypatch):
     monkeypatch.setitem(RECIPES, "reduced", lambda: replace(recipe("tiny"), bfloat16=True))
     run = Train(recipe="tiny", data=(data,), out=tmp_path / "tiny", steps=2)
@@ -144,6 +146,7 @@ def test_bfloat16_is_left_where_the_processor_is_slow_at_it(data, tmp_path, monk
     assert losses_of(tmp_path / "AVX512") != losses_of(tmp_path / "tiny")
 
 
+@pytest.mark.slow
 def test_an_earlier_run_is_not_overwritten(data, tmp_path):
     run = Train(recipe="tiny", data=(data,), out=tmp_path / "out", steps=2)
     train(run)
@@ -151,6 +154,7 @@ def test_an_earlier_run_is_not_overwritten(data, tmp_path):
         train(run)
 
 
+@pytest.mark.slow
 def test_resuming_with_other_facts_is_refused_and_names_them(data, held_out, tmp_path):
     run = Train(recipe="tiny", data=(data,), out=tmp_path / "out", steps=2)
     train(run)
