@@ -235,7 +235,7 @@ def test_constant_predictors_come_out_as_measured_elsewhere(world: World):
     """Bounds measured with an independent fusion of a table with five boxes."""
     five = (*THREE, box(0.08, 0.2), box(0.22, 0.2))
     robot = SimulatedRobot(world, boxes_scene(*five))
-    error = SimulatedGroundTruth(robot, TruthCamera(world)).judge(detection())
+    error = SimulatedGroundTruth(robot, TruthCamera(world)).surface_error(detection())
     expected = {
         "-1": {"1.0": (0.46, 0.51), "0.5": (0.71, 0.77), "0.3": (0.90, 0.94), "0.1": (0.92, 0.96)},
         "+0": {"1.0": (0.49, 0.54), "0.5": (0.24, 0.29), "0.3": (0.06, 0.11), "0.1": (0.05, 0.08)},
@@ -255,7 +255,8 @@ def test_the_true_surface_has_no_error(world: World):
     truth = TruthCamera(world)
     true = 2 * vgn_grid(truth.capture().tsdf) - 1
     found = Detection(Grasps.of(()), world.workspace, world.gripper, true)
-    assert SimulatedGroundTruth(robot, truth).judge(found).l1 == dict.fromkeys(l1_by_mask(0.0, true), 0.0)
+    error = SimulatedGroundTruth(robot, truth).surface_error(found)
+    assert error.l1 == dict.fromkeys(l1_by_mask(0.0, true), 0.0)
     assert truth.capture() is truth.capture()
     world.remove(0)
     assert not np.array_equal(2 * vgn_grid(truth.capture().tsdf) - 1, true)
