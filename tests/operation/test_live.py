@@ -20,7 +20,9 @@ from neugrasp.evaluation.episode import UNFINISHED, Attempt, Episode, read_episo
 from neugrasp.grasp import Grasp, Grasps
 from neugrasp.gripper import Gripper
 from neugrasp.observation import View, Views
-from neugrasp.robot.attended import Step
+from neugrasp.robot.attended import AttendedGripper, Step
+from neugrasp.robot.errors import Stopped
+from neugrasp.robot.rehearsal import _PaperGripper
 from neugrasp.robot.workcell import cameras_of
 from neugrasp.viewer.browser import Browser
 from neugrasp.viewer.live import LivePage
@@ -75,7 +77,10 @@ def test_the_page_follows_and_its_button_stops_arms_that_come_later():
         assert arm.stops == 1
         page.meet(late)
         assert late.stops == 1
-        page.before(Step("gripper opens", opening=0.08))
+        fingers = AttendedGripper(_PaperGripper(0.085, at=0.03), page)
+        with pytest.raises(Stopped, match="stopped by the button"):
+            fingers.move(0.085, 20.0, 5.0)
+        assert fingers.opening() == 0.03
         assert "stopped by the button" in page._state.content
 
 

@@ -18,6 +18,7 @@ from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
 from neugrasp.observation import Image, Views
 from neugrasp.robot.attended import Step
+from neugrasp.robot.errors import Stopped
 from neugrasp.robot.interface import Arm
 from neugrasp.viewer.drawing import nodes_of
 from neugrasp.viewer.loaders import in_workspace
@@ -81,7 +82,12 @@ class LivePage:
             arm.stop()
 
     def before(self, step: Step) -> None:
-        """Says what moves; draws the grasp that is begun."""
+        """Says what moves; draws the grasp that is begun.
+
+        Raises `Stopped` after the button was pressed: what is no arm obeys it, too.
+        """
+        if self._stopped.is_set():
+            raise Stopped(STOPPED)
         if step.grasp is not None:
             self._choose(step.grasp)
         self._say(f"moving: {step.what}" if step.grasp is None else f"chosen: {step.what}")
