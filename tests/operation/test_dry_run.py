@@ -114,6 +114,8 @@ def test_without_photos_of_this_cell_there_is_no_dry_run(hardware: Path, tmp_pat
     write_scene(tmp_path / "other", Views(views, elsewhere.workspace))
     with pytest.raises(InputError, match="its cube is not where"):
         run.run(replace(config, photos=tmp_path / "other"))
+    with pytest.raises(InputError, match="nothing to --confirm or --view"):
+        run.run(replace(config, confirm=True))
     with pytest.raises(InputError, match="--photos is for --dry-run"):
         run.run(Run(hardware, tmp_path / "run", photos=tmp_path / "scene"))
 

@@ -50,6 +50,8 @@ def run(config: Run) -> str:
         raise InputError(f"--max-failures {config.max_failures}; it must be at least 1")
     cell = checked_cell(config.cell, config.speed)
     if config.dry_run:
+        if config.confirm or config.view:
+            raise InputError("--dry-run moves nothing: there is nothing to --confirm or --view")
         return _dry_run(config, cell)
     if config.photos is not None:
         raise InputError("--photos is for --dry-run: an arm that moves takes its own")
