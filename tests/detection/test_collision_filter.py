@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull, cKDTree
@@ -64,8 +66,7 @@ def test_a_hand_goes_as_deep_as_the_surface_lets_it(name: str):
     gripper = Gripper.load(name)
     top, table = CENTRE[2] + HALF[2], WORKSPACE.table_height
     palm = top + (gripper.palm_height - gripper.tcp_height)
-    setback = float(gripper.tip_setback(gripper.max_opening))
-    tips = table + (gripper.tip_height - gripper.tcp_height) - setback
+    tips = table + (gripper.tip_height - gripper.tcp_height)
     most = DEEPER * gripper.finger_depth
     expected = {
         "palm 8 mm over the top": ((0.15, 0.15, palm + 0.008), 0.008),
@@ -89,9 +90,9 @@ def test_a_hand_goes_as_deep_as_the_surface_lets_it(name: str):
 def test_the_skin_is_dense_and_lies_on_the_hand(name: str):
     """Every corner of the hand is a point, no point sticks out, and no gap is wider than 2.4 cm."""
     gripper = Gripper.load(name)
-    points = CollisionFilter(gripper).hand + np.array([0, 0, gripper.tcp_height])
-    setback = float(gripper.tip_setback(gripper.max_opening))
-    mount = np.array([0, gripper.max_opening / 2, gripper.finger_mount - setback])
+    hand = CollisionFilter(gripper)
+    points = np.concatenate([hand.fingers, hand.palm]) + np.array([0, 0, gripper.tcp_height])
+    mount = np.array([0, gripper.max_opening / 2, gripper.finger_mount])
     hulls = [*gripper.palm.hulls, *(hull + mount for hull in gripper.finger.hulls)]
     hulls += [(hull + mount) * [-1, -1, 1] for hull in gripper.finger.hulls]
     signed = np.stack(
@@ -121,7 +122,7 @@ def test_the_check_does_not_depend_on_where_the_voxels_are_cut():
     middle = rigid(translation=(0.15, 0.15, 0))
     turned = middle @ quarter @ np.linalg.inv(middle) @ poses
     grid = np.ascontiguousarray(np.rot90(tsdf, 1, axes=(0, 1)))
-    for measure in (probe.clearance, probe.pad_fill):
+    for measure in (partial(probe.clearance, widths=np.full(60, 0.04)), probe.pad_fill):
         np.testing.assert_allclose(
             measure(tsdf, WORKSPACE, poses), measure(grid, WORKSPACE, turned), atol=2e-5
         )

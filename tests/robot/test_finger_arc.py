@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from neugrasp.detection.collision_filter import CollisionFilter
 from neugrasp.errors import InputError
 from neugrasp.geometry.pose import Array, rigid
+from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
 from neugrasp.gripper import Gripper
 from neugrasp.robot.tool import Tool
@@ -110,3 +111,15 @@ def test_an_arc_is_read_back_and_one_that_is_too_small_is_refused():
     short = replace(HAND, finger_arc=replace(HAND.finger_arc, radius=0.03)).to_dict()
     with pytest.raises(InputError, match="finger_arc is too small"):
         Gripper.from_dict(short)
+
+
+def test_the_filter_sees_the_tips_where_they_close():
+    """Open tips are 13 mm short of the table that closed ones would meet: such a grasp is none."""
+    workspace, hand = Workspace(), CollisionFilter(HAND)
+    heights = workspace.voxel_centres()[..., 2]
+    table = ((heights - workspace.table_height) / workspace.truncation).clip(-1, 1).astype(np.float32)
+    tips = HAND.tip_height - HAND.tcp_height
+    low, high = (down_at(0.15, 0.15, workspace.table_height + tips + gap)[None] for gap in (-0.008, 0.002))
+    for width in (0.02, 0.08):
+        assert hand.clearance(table, workspace, low, np.array([width]))[0] < -0.2
+        assert hand.clearance(table, workspace, high, np.array([width]))[0] > 0

@@ -43,8 +43,10 @@ class CollisionFilter:
         """Metres by which a hand goes deeper than the network said where it holds more than a rim."""
         self.finger_depth = gripper.finger_depth
         self._setback = gripper.tip_setback
-        self.hand: Float[np.ndarray, "n 3"] = hand_points(gripper, FINGER_SPACING, PALM_SPACING)
-        """Grasp frame, metres."""
+        self.fingers: Float[np.ndarray, "n 3"] = _finger_points(gripper, FINGER_SPACING)
+        """Of the open fingers, as far ahead as they come when they close; grasp frame, metres."""
+        self.palm: Float[np.ndarray, "p 3"] = _palm_points(gripper, PALM_SPACING)
+        """Of a hand that stands for closed fingers; grasp frame, metres."""
         self.between: Float[np.ndarray, "m 3"] = _between_pads(gripper)
         """Grasp frame, metres."""
 
@@ -58,10 +60,17 @@ class CollisionFilter:
         return moved
 
     def clearance(
-        self, tsdf: Grid, workspace: Workspace, poses: Float[np.ndarray, "k 4 4"]
+        self,
+        tsdf: Grid,
+        workspace: Workspace,
+        poses: Float[np.ndarray, "k 4 4"],
+        widths: Float[np.ndarray, " k"],
     ) -> Float32[np.ndarray, " k"]:
-        """Least value of the grid that the open hand meets at poses of `standing`, workspace frame."""
-        return np.asarray(_read(tsdf, workspace, poses, self.hand).min(axis=1))
+        """Least value of the grid that the hand meets at TCP poses, workspace frame, and as it closes
+        there to `widths` metres."""
+        fingers = _read(tsdf, workspace, poses, self.fingers).min(axis=1)
+        palm = _read(tsdf, workspace, self.standing(poses, widths), self.palm).min(axis=1)
+        return np.asarray(np.minimum(fingers, palm))
 
     def pad_fill(
         self, tsdf: Grid, workspace: Workspace, poses: Float[np.ndarray, "k 4 4"]
@@ -83,9 +92,8 @@ class CollisionFilter:
         through what is free.
         """
         depths = STEP * np.arange(round(DEEPER * self.finger_depth / STEP) + 1)
-        poses = self.standing(poses, widths)
         ahead = [poses @ rigid(translation=(0, 0, depth)) for depth in depths]
-        free = [self.clearance(tsdf, workspace, moved) > 0 for moved in ahead]
+        free = [self.clearance(tsdf, workspace, moved, widths) > 0 for moved in ahead]
         return STEP * np.maximum(np.cumprod(free, axis=0).sum(axis=0) - 1, 0)
 
     def passes(
@@ -97,21 +105,23 @@ class CollisionFilter:
     ) -> tuple[Bool[np.ndarray, " k"], Bool[np.ndarray, " k"]]:
         """Whether the hand would hold anything at TCP poses, and whether it gets there."""
         holds = self.pad_fill(tsdf, workspace, poses) >= self.least_pad_fill
-        standing = self.standing(poses, widths)
-        return holds, self.clearance(tsdf, workspace, standing) > self.least_clearance
+        return holds, self.clearance(tsdf, workspace, poses, widths) > self.least_clearance
 
 
-def hand_points(
-    gripper: Gripper, spacing: float, palm_spacing: float | None = None
-) -> Float[np.ndarray, "n 3"]:
+def hand_points(gripper: Gripper, spacing: float) -> Float[np.ndarray, "n 3"]:
     """Points on the skin of the open hand in the grasp frame, about `spacing` metres apart."""
-    setback = float(gripper.tip_setback(gripper.max_opening))
-    mount = np.array([0.0, gripper.max_opening / 2, gripper.finger_mount - setback])
+    return np.concatenate([_finger_points(gripper, spacing), _palm_points(gripper, spacing)])
+
+
+def _finger_points(gripper: Gripper, spacing: float) -> Array:
+    mount = np.array([0.0, gripper.max_opening / 2, gripper.finger_mount])
     fingers = [_skin(hull, spacing) + mount for hull in gripper.finger.hulls]
     turned = [points * [-1, -1, 1] for points in fingers]
-    palm = [_skin(hull, palm_spacing or spacing) for hull in gripper.palm.hulls]
-    points: Array = np.concatenate([*fingers, *turned, *palm]) - [0, 0, gripper.tcp_height]
-    return points
+    return np.concatenate([*fingers, *turned]) - [0, 0, gripper.tcp_height]
+
+
+def _palm_points(gripper: Gripper, spacing: float) -> Array:
+    return np.concatenate([_skin(hull, spacing) for hull in gripper.palm.hulls]) - [0, 0, gripper.tcp_height]
 
 
 def _read(tsdf: Grid, workspace: Workspace, poses: Array, points: Array) -> np.ndarray:
