@@ -93,6 +93,7 @@ def _collect_real(config: Collect, cell: CellFile, folders: Mapping[int, Path]) 
     options = DetectorOptions(
         weights=config.weights,
         threshold=config.threshold,
+        hand_check=config.hand_check,
         gripper=cell.gripper.model,
         seed=config.seed,
         device=config.device,
@@ -113,7 +114,9 @@ def _facts(config: Collect) -> dict[str, Any]:
     cell = {"cell_sha256": text_hash(config.cell)}
     if config.by_hand:
         return {**cell, "by_hand": True}
-    options = DetectorOptions(weights=config.weights, threshold=config.threshold)
+    options = DetectorOptions(
+        weights=config.weights, threshold=config.threshold, hand_check=config.hand_check
+    )
     return {**cell, "detector": config.detector, **detector_spec(config.detector).facts(options)}
 
 
@@ -132,6 +135,7 @@ def _rounds(config: Collect, kind: Any) -> Evaluate:
         views="groups8" if config.cell is None else Evaluate.views,
         weights=config.weights,
         threshold=config.threshold,
+        hand_check=config.hand_check,
         samples=config.samples,
         cell=config.cell,
         split="train",

@@ -136,6 +136,9 @@ class Collect:
     """Whose picks are tried, as in `neugrasp evaluate`."""
     weights: str = "neugrasp"
     """Its weights: a name of bundled ones, or a file."""
+    hand_check: bool = True
+    """Leave out grasps whose hand would meet the reconstructed surface, or close on nothing: what they would
+    have told is not known then."""
     threshold: float = 0.3
     """Score from which grasps are tried; lower than where one would clear a table: failures teach, too."""
     samples: int = 4

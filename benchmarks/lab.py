@@ -1,0 +1,203 @@
+"""NeuGrasp-RA in a lab that is simulated (the paper's second table): what it gains, and from how many scenes.
+
+    python benchmarks/lab.py --out FOLDER [--parts collect rows adapt held rows table] [--scenes 10 20 40]
+
+`collect` makes the set (objects of training), and ten scenes more that nothing learns from. `adapt` goes on
+with the shipped weights on so many of its scenes. `rows` plays piles and packed scenes of the test's objects:
+the shipped weights in the domain of training and in the lab, and there all that was adapted, too. `held`
+judges grasps in the ten scenes. `table` prints everything that is there. Parts run in the order given; each
+goes on where it stopped, and what is finished is not done again. Seconds are those of the wall, summed over
+starts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from neugrasp.data.scene_sets import open_scenes
+from neugrasp.evaluation.compare import compare
+from neugrasp.evaluation.results_io import played
+from neugrasp.model.checkpoint import load_checkpoint
+from neugrasp.training.dataset import Scenes
+from neugrasp.training.recipes import adapt
+from neugrasp.training.validation import validate
+
+PARTS = ("collect", "rows", "adapt", "held", "table")
+USUAL = ("collect", "rows", "adapt", "held", "rows", "table")
+THRESHOLD = 0.85
+"""That of the shipped weights, for what was adapted from them, too."""
+KINDS = ("pile", "packed")
+ASIDE = 10
+"""Scenes of other seeds in which grasps are judged."""
+RESAMPLES = 10_000
+PAPER = {
+    "NeuGrasp": {"pile": "63.7 / 68.0 / 57.6", "packed": "84.1 / 92.0 / 84.8"},
+    "NeuGrasp-RA": {"pile": "84.5 / 92.0 / 96.0", "packed": "85.8 / 88.0 / 96.8"},
+}
+"""SR / FSR / DR of the paper's table II, on a real table."""
+
+
+class Lab:
+    """The folders of the experiment, and the commands that fill them."""
+
+    def __init__(self, options: argparse.Namespace):
+        self.options, self.out = options, Path(options.out)
+
+    def collect(self) -> None:
+        """The set, and the scenes aside."""
+        tries = ["--no-hand-check"]
+        for folder, count, seed in (("set", max(self.options.scenes), 0), ("aside", ASIDE, 1)):
+            self._run("collect", folder, "--scenes", count, "--seed", seed, *tries, *self._quality())
+
+    def adapt(self) -> None:
+        """One training for each number of scenes."""
+        for count in self.options.scenes:
+            folder = self.out / f"ra{count}"
+            more = ["--resume"] if (folder / "weights.safetensors").exists() else []
+            course = ["--recipe", "adapt", "--init", "neugrasp", "--data", self.out / "set"]
+            course += ["--loaders", 0, *self.options.train]
+            self._run("train", f"ra{count}", *course, "--scenes", count, *more)
+
+    def rows(self) -> None:
+        """Every row that can be played, the shipped weights first."""
+        for name, domain, weights in self.played_rows():
+            if weights != "neugrasp" and not Path(weights).is_file():
+                continue
+            for kind in KINDS:
+                row = ["--scene", kind, "--domain", domain, "--weights", weights, "--threshold", THRESHOLD]
+                rules = ["--materials", "mixed", "--strategy", "random", "--rounds", self.options.rounds]
+                self._run("evaluate", f"{name}-{kind}", *row, *rules, "--workers", 1, *self._quality())
+
+    def played_rows(self) -> list[tuple[str, str, str]]:
+        """Name, domain and weights of each."""
+        adapted = [
+            (f"ra{count}", "lab", str(self.out / f"ra{count}/weights.safetensors"))
+            for count in self.options.scenes
+        ]
+        return [("lab", "lab", "neugrasp"), ("training", "training", "neugrasp"), *adapted]
+
+    def held(self) -> None:
+        """Grasps in the scenes aside: loss and AUC, of each weights that are there."""
+        scenes = open_scenes(self.out / "aside")
+        aside = Scenes(
+            [(scenes, i) for i in range(len(scenes))], adapt().model.image_size, finds_changes=False
+        )
+        samples = [aside.sample(index, None) for index in range(len(aside))]
+        found = {}
+        for name, _, weights in self.played_rows():
+            if name != "training" and (weights == "neugrasp" or Path(weights).is_file()):
+                model = load_checkpoint(weights).model()
+                found[name] = validate(model, samples, adapt().sharpness[1], render=False)
+        (self.out / "held.json").write_text(json.dumps(found, indent=1) + "\n")
+
+    def table(self) -> None:
+        """Prints what is there."""
+        print("| SR / FSR / DR | pile | packed |\n|---|---|---|")
+        for name, per_kind in PAPER.items():
+            print(f"| {name}, the paper's real table | {' | '.join(per_kind[kind] for kind in KINDS)} |")
+        for name, _, _ in self.played_rows():
+            print(f"| {name} | {' | '.join(self._told(f'{name}-{kind}') for kind in KINDS)} |")
+        names = [name for name, _, _ in self.played_rows() if name not in ("lab", "training")]
+        for kind in KINDS:
+            self._gap(kind)
+            for name in names:
+                self._difference(f"lab-{kind}", f"{name}-{kind}")
+        for file in ("held.json", "seconds.json"):
+            if (self.out / file).is_file():
+                print(f"\n{file}: {(self.out / file).read_text()}")
+
+    def _told(self, row: str) -> str:
+        file = self.out / row / "metrics.json"
+        if not file.is_file():
+            done = len(list((self.out / row / "rounds").glob("[!.]*.json")))
+            return f"{done} of {self.options.rounds} rounds"
+        data = json.loads(file.read_text())
+        rates = (f"{data[k]:.1f} ({data[f'{k}_ci'][0]:.1f} to {data[f'{k}_ci'][1]:.1f})" for k in _RATES)
+        return f"{' / '.join(rates)}, {data['successes']} of {data['attempts']}, {data['objects']} objects"
+
+    def _gap(self, kind: str) -> None:
+        """The lab less the domain of training. Scenes settle otherwise there, so rounds are not paired."""
+        sides = [_counts(self.out / f"{name}-{kind}") for name in ("training", "lab")]
+        if not all(map(len, sides)):
+            return
+        rng = np.random.default_rng(0)
+        for column, rate in ((1, "SR"), (2, "DR")):
+            drawn = [
+                _rate(side[rng.integers(len(side), size=(RESAMPLES, len(side)))], column) for side in sides
+            ]
+            low, high = np.percentile(drawn[1] - drawn[0], [2.5, 97.5])
+            gap = _rate(sides[1], column) - _rate(sides[0], column)
+            print(f"{kind}: lab less training, {rate} {gap:+.1f} ({low:+.1f} to {high:+.1f})")
+
+    def _difference(self, one: str, other: str) -> None:
+        """The same rounds, paired."""
+        if all((self.out / row / "metrics.json").is_file() for row in (one, other)):
+            for rate in _RATES:
+                found = compare(self.out / one, self.out / other)[rate]
+                low, high = found["ci"]
+                print(f"{other} less {one}, {rate} {found['difference']:+.1f} ({low:+.1f} to {high:+.1f})")
+
+    def _quality(self) -> list[object]:
+        return ["--samples", self.options.samples]
+
+    def _run(self, command: str, folder: str, *words: object) -> None:
+        """A command of the program, and how long it took."""
+        out, began = self.out / folder, time.monotonic()
+        done = out / "lab_done"
+        if done.exists():
+            return
+        line = [sys.executable, "-m", "neugrasp", command, "--out", str(out), *map(str, words)]
+        print(" ".join(line[2:]), flush=True)
+        ended = subprocess.run(line, check=False)
+        file = self.out / "seconds.json"
+        seconds = json.loads(file.read_text()) if file.is_file() else {}
+        seconds[folder] = round(seconds.get(folder, 0) + time.monotonic() - began)
+        file.write_text(json.dumps(seconds, indent=1) + "\n")
+        if ended.returncode:
+            sys.exit(ended.returncode)
+        done.touch()
+
+
+_RATES = ("SR", "FSR", "DR")
+
+
+def _counts(folder: Path) -> np.ndarray:
+    """(rounds, 3): successes, attempts and objects of each round."""
+    if not (folder / "metrics.json").is_file():
+        return np.zeros((0, 3))
+    return np.array([(e.successes, len(e.attempts), e.objects) for e in played(folder)], dtype=float)
+
+
+def _rate(counts: np.ndarray, column: int) -> np.ndarray:
+    """Percentages of counts (..., rounds, 3)."""
+    total = counts.sum(axis=-2)
+    return 100 * total[..., 0] / np.maximum(total[..., column], 1)
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Does the parts in their order."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=USUAL)
+    parser.add_argument("--scenes", nargs="+", type=int, default=[10, 20, 40])
+    parser.add_argument("--rounds", type=int, default=25)
+    parser.add_argument("--samples", type=int, default=1, help="of a photo's pixel")
+    parser.add_argument("--train", nargs="*", default=[], help="options of train besides, as steps=500")
+    options = parser.parse_args(words)
+    pairs = [word.split("=", 1) for word in options.train]
+    options.train = [word for name, value in pairs for word in (f"--{name}", value)]
+    lab = Lab(options)
+    for part in options.parts:
+        getattr(lab, part)()
+
+
+if __name__ == "__main__":
+    main()
