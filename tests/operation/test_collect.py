@@ -144,7 +144,7 @@ def test_labels_are_grasp_points_in_the_frame_of_the_cube():
 
 
 def test_picks_come_first_and_others_lie_beside_them(rng: np.random.Generator):
-    picks = Grasps.of(Grasp(rigid(DOWN, (x, 0.1, 0.1)), 0.03) for x in (0.05, 0.15, 0.25))
+    picks = Grasps.of(Grasp(rigid(DOWN, (x, 0.1, 0.1)), 0.03, x) for x in (0.05, 0.15, 0.25))
     tried = wanted(picks, 8, rng)
     assert len(tried) == 8
     assert {grasp.position[0] for grasp in tried[:3]} == {0.05, 0.15, 0.25}
@@ -153,4 +153,9 @@ def test_picks_come_first_and_others_lie_beside_them(rng: np.random.Generator):
         assert 0 < apart <= 0.012
         np.testing.assert_allclose(grasp.approach, (0, 0, -1), atol=1e-9)
     assert wanted(picks[:0], 8, rng) == []
+    many = Grasps.of(Grasp(rigid(DOWN, (0.1, 0.1, 0.1)), 0.03, i / 100) for i in range(100))
+    for _ in range(20):
+        scores = {grasp.score for grasp in wanted(many, 20, rng)}
+        assert {grasp.score for grasp in many[-9:]} <= scores
+        assert min(scores) < 0.7
     assert len(wanted(picks, 2, rng)) == 2

@@ -182,10 +182,13 @@ def _seen(scenes: Scenes, number: int) -> tuple[Robot[Views] | None, Views]:
 
 
 def wanted(picks: Grasps, most: int, rng: np.random.Generator) -> list[Grasp]:
-    """So many of the picks, drawn by chance; where these are fewer, picks moved and turned by chance, too."""
+    """So many of the picks: the best ones and others, drawn by chance, in turns, so that both outcomes are
+    seen. Where there are fewer picks, picks moved and turned by chance, too."""
     if not len(picks):
         return []
-    order = rng.permutation(len(picks)).tolist()
+    best, drawn = np.argsort(-picks.scores, kind="stable"), rng.permutation(len(picks))
+    pairs = zip(*((best, drawn) if rng.random() < 0.5 else (drawn, best)), strict=True)
+    order = list(dict.fromkeys(int(index) for pair in pairs for index in pair))
     rounds = [[picks[i] for i in order]]
     while len(rounds) * len(picks) < most:
         rounds.append([_beside(picks[i], rng) for i in order])
