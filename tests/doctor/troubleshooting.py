@@ -20,8 +20,8 @@ table`. `--report FILE.html` draws the cube and the table into every photo, `--f
 copy where the cause is certain and the copy is better. It ends with 1 on red alone.
 
 `neugrasp predict` takes a quick look first, at what costs little and decides: conventions, units, intrinsics,
-coverage, EXIF tags, backgrounds of other views or places, photos in which nothing is to be seen, light that
-changed much, and whether the photos agree about the table. It refuses on red unless
+coverage, EXIF tags, backgrounds of other views or places or exchanged with images, photos in which nothing
+is to be seen, light that changed much, and whether the photos agree about the table. It refuses on red unless
 `--force` is given; with `--examine` everything is looked at.
 [capture.md](capture.md#how-exact-poses-must-be) says where yellow and red lie.
 

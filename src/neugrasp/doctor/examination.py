@@ -12,10 +12,11 @@ from neugrasp.doctor.camera_findings import check_coverage, check_intrinsics
 from neugrasp.doctor.capture import Capture, Reading, read_capture, tags_of
 from neugrasp.doctor.convention import check_convention, is_examinable
 from neugrasp.doctor.empty_table import check_empty_table
+from neugrasp.doctor.exchanged import odd_ones
 from neugrasp.doctor.findings import Finding, Level, verdict, worst
 from neugrasp.doctor.light_checks import check_brightness, check_light, check_sharpness
 from neugrasp.doctor.messages import BACKGROUND_DIFFERS, MIRRORED, SAME_PHOTO, SHIFTED
-from neugrasp.doctor.pair_checks import check_pairs, check_pairs_quickly, odd_ones, seems_exchanged
+from neugrasp.doctor.pair_checks import check_exchanged_quickly, check_pairs, check_pairs_quickly
 from neugrasp.doctor.silhouettes import check_silhouettes
 from neugrasp.doctor.table import coarse_pictures
 from neugrasp.doctor.table_checks import check_scale, check_table, check_table_quickly
@@ -135,13 +136,13 @@ def _look(capture: Capture) -> tuple[Capture, list[Finding]]:
 
 
 def _glance_at_table(capture: Capture) -> tuple[Capture, list[Finding]]:
-    """Whether the backgrounds agree about the table, and whether one of them is an image."""
+    """Whether the backgrounds agree about the table, and whether some of them are images."""
     pictures = coarse_pictures(capture.views)
-    capture, findings = check_table_quickly(capture, pictures)
-    if worst(findings) == Level.GREEN and seems_exchanged(capture.views, pictures):
-        capture, pairs = check_pairs(capture)
-        findings += [finding for finding in pairs if finding.level == Level.RED]
-    return capture, findings
+    mended, findings = check_exchanged_quickly(capture, pictures)
+    if mended is not capture:
+        capture, pictures = mended, coarse_pictures(mended.views)
+    capture, found = check_table_quickly(capture, pictures)
+    return capture, [*findings, *found]
 
 
 def _glance(

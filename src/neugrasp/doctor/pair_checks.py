@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image as Picture
 
 from neugrasp.doctor.capture import Capture
+from neugrasp.doctor.exchanged import exchanged_views
 from neugrasp.doctor.findings import Finding, Level, Limits, green, named, not_measured
 from neugrasp.doctor.hypotheses import MOST_VIEWS_PERMUTED, Evidence, best_height
 from neugrasp.doctor.messages import BACKGROUND_DIFFERS, EXCHANGED, MIRRORED, SAME_PHOTO, SHIFTED, SWAPPED
@@ -19,13 +20,12 @@ from neugrasp.doctor.table import (
     TablePicture,
     coarse_pictures,
     comparable,
-    correlation,
     mean_correlation,
     table_pictures,
 )
 from neugrasp.doctor.table_crop import GLANCE_SIZE, NETWORK_SIZE, Plane, TableCrop, grey, table_crops
 from neugrasp.geometry.pose import Array
-from neugrasp.observation import Image, View, Views
+from neugrasp.observation import Image, View
 
 SHIFT = Limits(0.3, 1.5)
 """Pixels of the network's crop."""
@@ -47,6 +47,8 @@ MORE_AGREED = 0.05
 FLAT, AGREED_MORE, REST = 0.8, 0.01, 0.5
 """Where some of the views are exchanged: what they must agree by then, how much better, and which share
 of the disagreement may be left."""
+AGREED = 0.9
+"""Mean correlation of backgrounds from which on the table is where it is said to be."""
 MORE_EDGES = 1.3
 ITEM = "background"
 
@@ -68,28 +70,18 @@ def check_pairs(capture: Capture) -> tuple[Capture, list[Finding]]:
     return capture, findings
 
 
-def seems_exchanged(views: Views, pictures: Sequence[TablePicture]) -> bool:
-    """Whether objects stand in a background: one of the `coarse_pictures` is odd, and its own image agrees
-    better with the others."""
-    for odd, agreed in odd_ones(pictures).items():
-        view = views.frames[odd]
-        (image,) = coarse_pictures(replace(views, frames=(replace(view, background=view.image),)))
-        values = [correlation(image, pictures[other]) or 0.0 for other in agreed]
-        if np.mean(values) > np.mean(list(agreed.values())) + AGREED_MORE:
-            return True
-    return False
-
-
-def odd_ones(pictures: Sequence[TablePicture]) -> dict[int, dict[int, float]]:
-    """Of each picture that agrees less with the others than those do with each other: how much with which."""
-    agreed = {pair: correlation(*(pictures[i] for i in pair)) or 0.0 for pair in comparable(pictures)}
-    found = {}
-    for odd in range(len(pictures)):
-        with_it = {sum(pair) - odd: value for pair, value in agreed.items() if odd in pair}
-        others = [value for pair, value in agreed.items() if odd not in pair]
-        if with_it and max(with_it.values()) < min(others, default=1.0):
-            found[odd] = with_it
-    return found
+def check_exchanged_quickly(
+    capture: Capture, backgrounds: Sequence[TablePicture]
+) -> tuple[Capture, list[Finding]]:
+    """What is grave of `check_pairs`, which is asked only where `coarse_pictures` of the images are more like
+    an empty table than those of the `backgrounds` are, or have less to see on a plain one."""
+    frames = tuple(replace(view, background=view.image) for view in capture.views.frames)
+    images = coarse_pictures(replace(capture.views, frames=frames))
+    is_edgy = any(b.contrast > MORE_EDGES * i.contrast for b, i in zip(backgrounds, images, strict=True))
+    if not exchanged_views(backgrounds, images) and (comparable(backgrounds) or not is_edgy):
+        return capture, []
+    capture, found = check_pairs(capture)
+    return capture, [finding for finding in found if finding.level == Level.RED]
 
 
 def _turned(capture: Capture, some: tuple[int, ...]) -> Capture:
@@ -141,6 +133,9 @@ def _exchanged(crops: list[TableCrop], capture: Capture) -> tuple[tuple[int, ...
         # Where the cube stands too high or too low, tops of objects may agree by chance: each at its best.
         if full > empty + MORE_AGREED:
             empty, full = (best_height(Evidence(capture, side, pairs, None)).agreement for side in sides)
+        if empty > AGREED and (some := exchanged_views(*tables)):
+            text = f"where image and background differ, the images of {len(some)} views show the empty table"
+            return tuple(everyone[i] for i in some), text
         if max(empty, full) > MATCH:
             text = f"the images agree about the table by {full:.2f}, the backgrounds by {empty:.2f}"
             return (everyone, text) if full > empty + MORE_AGREED else ((), "")
