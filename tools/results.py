@@ -174,9 +174,13 @@ def _materials(rows: dict[str, dict[str, Any]]) -> Iterator[str]:
 
 
 def _origins(rows: dict[str, dict[str, Any]]) -> Iterator[str]:
-    """The command, the commit, the seed and the machine behind every row."""
+    """The command, commit, seed and machine behind every row; rows that share all of them share a line."""
+    alike: dict[str, list[str]] = {}
     for name, row in rows.items():
-        yield f"- {name}: `{row['command']}` (commit {row['commit']}, seed {row['seed']}, {row['machine']})"
+        origin = f"`{row['command']}` (commit {row['commit']}, seed {row['seed']}, {row['machine']})"
+        alike.setdefault(origin, []).append(name)
+    for origin, names in alike.items():
+        yield f"- {', '.join(names)}: {origin}"
 
 
 def main(words: Sequence[str] | None = None) -> int:

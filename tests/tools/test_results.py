@@ -196,3 +196,11 @@ def test_rounds_that_an_older_version_played_give_the_figures_that_were_kept(tmp
     kept = json.loads((ROOT / f"docs/results/{name}.json").read_text())
     assert now["rounds"] == 56
     assert now == {key: kept[key] for key in now}
+
+
+def test_rows_of_one_command_share_its_line(tmp_path: Path):
+    for name, commit in (("a", "abc1234"), ("b", "abc1234"), ("c", "def5678")):
+        (tmp_path / f"{name}.json").write_text(json.dumps(metrics([played(0, "+")], commit=commit)))
+    page = write_results(tmp_path, tmp_path / "results.md").read_text()
+    origins = [line.split(":")[0] for line in page.splitlines() if line.startswith("- ")]
+    assert origins == ["- a, b", "- c"]
