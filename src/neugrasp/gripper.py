@@ -63,12 +63,13 @@ class FingerArc:
     they move along the approach as they close."""
 
     radius: float
-    """Of the circle, metres."""
+    """Radius of the circle, metres."""
     offset: float
     """y of its centre, metres: the pad is there when the finger stands straight ahead."""
 
     def angle(self, opening: float) -> float:
-        """Of the crank, radians, with the pads `opening` metres apart; proportional to the motor's way."""
+        """Angle of the crank, radians, with the pads `opening` metres apart; proportional to the motor's
+        way."""
         return float(np.arccos(np.clip((opening / 2 - self.offset) / self.radius, -1, 1)))
 
     def opening(self, angle: float) -> float:

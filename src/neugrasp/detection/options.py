@@ -30,7 +30,7 @@ class DetectorOptions:
     seed: int = 0
     """Random seed of detectors that draw random numbers."""
     device: str = "cpu"
-    """Where PyTorch computes."""
+    """Device of PyTorch."""
     precision: str = "float32"
     """float32, or bfloat16 where that is faster."""
 

@@ -33,7 +33,7 @@ UNEVEN = 0.25
 PATCH = 7
 """Pixels, edge."""
 SHADE_FLOOR = 0.01
-"""Of 1, linear; added before logarithms, so that noise in black pixels has no colour."""
+"""Out of 1, linear; added before logarithms, so that noise in black pixels has no colour."""
 
 
 @dataclass(frozen=True)

@@ -108,8 +108,8 @@ class Cell:
 
 @dataclass(frozen=True, kw_only=True)
 class Collect:
-    """Makes a set for `train --recipe adapt`: photos of a cell, and what came of grasps there. Goes on where
-    it stopped."""
+    """Makes a set for `train --recipe adapt`: photos of a cell, and the outcomes of grasps there.
+    Continues where it stopped."""
 
     doing: ClassVar[str] = "laying scenes, looking at them and trying grasps"
 
@@ -118,32 +118,32 @@ class Collect:
     scenes: int = 40
     """Number of scenes in the folder when done."""
     grasps: int = 20
-    """Tried in a scene, at most: the model's picks, and where these are fewer, others beside them."""
+    """Maximum number of grasps tried in a scene: the model's picks, and others where these are fewer."""
     domain: str = "lab"
-    """Where a floating hand tries them, as in `evaluate`."""
+    """Domain in which a floating hand tries them, as in `evaluate`."""
     cell: Path | None = None
     """A cell file: its arm tries the grasps instead; a real table loses what was picked, and each pick is a
     scene."""
     by_hand: bool = False
-    """A person leads a real arm to the grasps, and Enter closes the gripper."""
+    """Let a person lead a real arm to the grasps; Enter closes the gripper."""
     speed: float = 1.0
-    """Share of the cell's limits at which the arm moves, above 0 to 1."""
+    """Speed of the arm as a share of the cell's limits, above 0 and up to 1."""
     scene: Literal["both", "packed", "pile"] = "both"
-    """How simulated objects lie; both: by turns."""
+    """Arrangement of simulated objects; both: by turns."""
     materials: Literal["mixed", "transparent-specular", "diffuse", "specular", "transparent"] = "mixed"
-    """What they are made of."""
+    """Materials of the objects."""
     detector: str = "neugrasp"
-    """Whose picks are tried, as in `neugrasp evaluate`."""
+    """Detector whose picks are tried, as in `neugrasp evaluate`."""
     weights: str = "neugrasp"
     """Its weights: a name of bundled ones, or a file."""
     hand_check: bool = True
     """Leave out grasps whose hand would meet the reconstructed surface, or close on nothing: what they would
     have told is not known then."""
     threshold: float = 0.3
-    """Score from which grasps are tried; lower than where one would clear a table: failures teach, too."""
+    """Minimum score of the grasps tried; lower than for clearing a table, because failures teach, too."""
     samples: int = 4
-    """Of a pixel of the photos, in simulation: a power of two."""
+    """Render samples per pixel in simulation, a power of two."""
     seed: int = 0
-    """The same seed gives the same scenes and grasps."""
+    """Random seed; the same seed gives the same scenes and grasps."""
     device: str = "cpu"
-    """Where the detector computes: cpu, cuda, cuda:1."""
+    """Device of the detector: cpu, cuda, cuda:1."""

@@ -31,7 +31,7 @@ class Room:
     light: Mapping[str, Any]
     table: Mapping[str, Any]
     seed: int
-    """Of the renderer's noise."""
+    """Seed of the renderer's noise."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class Domain:
     """The renderer's view transform, in place of plain sRGB."""
     hand_eye: HandEye | None = None
     friction: float | None = None
-    """Of all objects."""
+    """Friction of all objects."""
     gripper: str | None = None
 
     def cell(self, drawn: Cell, sensors: tuple[Camera, ...], workspace: Workspace) -> Cell:

@@ -121,7 +121,7 @@ def sensed(
 
 
 def _light_of(code: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of sRGB values from 0 to 1."""
+    """Light of sRGB values from 0 to 1."""
     light: NDArray[np.float64] = np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
     return light
 
