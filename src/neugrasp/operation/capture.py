@@ -28,6 +28,10 @@ def run(config: Capture) -> str:
         return f"{folder}\n{next_step('capture', config.cell, '--out', config.out)}"
     if (config.out / "scene.json").exists():
         raise InputError(f"{config.out}: holds a scene already; choose another --out")
+    if config.out.exists() and not config.out.is_dir():
+        raise InputError(f"{config.out}: is a file; the scene is written into a folder of this name")
+    # What refuses to be written to does so before anything moves.
+    config.out.mkdir(parents=True, exist_ok=True)
     if cell.is_twin:
         asked = evaluation_of(Run(config.cell, config.out, samples=config.samples), cell)
         with open_runner(asked, photographer_for(asked), THREADS, speed=config.speed) as runner:
