@@ -15,7 +15,7 @@ from neugrasp.doctor.empty_table import check_empty_table
 from neugrasp.doctor.exchanged import odd_ones
 from neugrasp.doctor.findings import Finding, Level, verdict, worst
 from neugrasp.doctor.light_checks import check_brightness, check_light, check_sharpness
-from neugrasp.doctor.messages import BACKGROUND_DIFFERS, MIRRORED, SAME_PHOTO, SHIFTED
+from neugrasp.doctor.messages import BACKGROUND_DIFFERS, MIRRORED, SAME_PHOTO, SHIFTED, TABLE_HEIGHT
 from neugrasp.doctor.pair_checks import check_exchanged_quickly, check_pairs, check_pairs_quickly
 from neugrasp.doctor.silhouettes import check_silhouettes
 from neugrasp.doctor.table import coarse_pictures
@@ -138,10 +138,13 @@ def _look(capture: Capture) -> tuple[Capture, list[Finding]]:
 def _glance_at_table(capture: Capture) -> tuple[Capture, list[Finding]]:
     """Whether the backgrounds agree about the table, and whether some of them are images."""
     pictures = coarse_pictures(capture.views)
+    of_table = check_table_quickly(capture, pictures)
+    if any(finding.problem is TABLE_HEIGHT for finding in of_table[1]):
+        return of_table
     mended, findings = check_exchanged_quickly(capture, pictures)
     if mended is not capture:
-        capture, pictures = mended, coarse_pictures(mended.views)
-    capture, found = check_table_quickly(capture, pictures)
+        of_table = check_table_quickly(mended, coarse_pictures(mended.views))
+    capture, found = of_table
     return capture, [*findings, *found]
 
 
