@@ -384,3 +384,17 @@ def test_a_story_is_one_file_that_tells_every_attempt(undisturbed: Path, tmp_pat
     assert not re.search(r"(src|href)=['\"](?!data:)", page)
     with pytest.raises(InputError, match=r"000009\.json"):
         write_episode_report(InspectEpisode(undisturbed, 9))
+
+
+def test_a_lab_is_played_with_its_own_hand_and_named_in_what_it_depends_on(tmp_path: Path):
+    lab = run.with_domain(small(tmp_path, detector="neugrasp", domain="lab"))
+    assert lab.gripper == "robotiq_2f85"
+    facts = run.facts_of_rounds(lab)
+    assert facts["domain"] == "lab"
+    assert not {"domain", "domain_sha256"} & set(run.facts_of_rounds(small(tmp_path, detector="neugrasp")))
+    assert run.with_domain(small(tmp_path, detector="neugrasp", domain="lab:lens")).gripper == "panda"
+    assert "--domain lab" in lab.command()
+    with pytest.raises(InputError, match="--domain lab: has photos; vgn needs depth"):
+        evaluate(small(tmp_path / "depth", domain="lab", detector="vgn"))
+    with pytest.raises(InputError, match="--domain attic"):
+        evaluate(small(tmp_path / "attic", domain="attic"))
