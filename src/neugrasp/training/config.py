@@ -82,7 +82,7 @@ class TrainConfig:
     weights: LossWeights = field(default_factory=LossWeights)
     steps: int = 300_000
     head_steps: int = 0
-    """How many of the steps train the head alone, on true TSDFs made perturb_tsdf."""
+    """How many of the steps train the head alone, on true TSDFs made imperfect."""
     head_batch: int = 8
     """Grids in one step of the head's stage."""
     batch: int = 1

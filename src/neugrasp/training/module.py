@@ -99,7 +99,7 @@ def total(losses: Losses, config: TrainConfig) -> Float[Tensor, ""]:
 def head_loss(
     head: nn.Module, truths: Sequence[Truth], from_meshes: bool, generator: torch.Generator
 ) -> Float[Tensor, ""]:
-    """The grasp head alone, on true grids made perturb_tsdf the way predictions are.
+    """The grasp head alone, on true grids made imperfect the way predictions are.
 
     `from_meshes` takes the distance to the meshes where a scene has it, as `distance_loss` does.
     """
