@@ -95,6 +95,7 @@ def test_silhouettes_say_nothing_where_more_than_objects_has_changed(plain: View
     assert finding.level == Level.GREY
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("degrees", "metres", "level"),
     [(0.2, 0.001, Level.GREEN), (0.6, 0.002, Level.YELLOW), (3.0, 0.01, Level.RED)],

@@ -68,6 +68,7 @@ def refusal(printed: Charuco | Tags, described: Charuco | Tags) -> str:
     return str(caught.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("described", "reason"),
     [
@@ -110,6 +111,7 @@ def test_a_number_that_is_seen_twice_is_refused(centre: tuple[float, float]):
         assert "tag 3 is seen more than once; take the other prints" in refusal(twice, described)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("printed", "described", "reason"),
     [
@@ -156,6 +158,7 @@ def test_markers_are_where_opencv_draws_them(columns: int, rows: int, legacy: bo
     np.testing.assert_allclose(board.markers(), theirs, atol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("printed", "described", "words"),
     [
@@ -211,6 +214,7 @@ def test_a_blurred_tag_gives_the_camera_or_none(rng: np.random.Generator, blur: 
         assert sighting is None or apart(inverse(sighting.camera_from_board), camera)[1] < 8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dictionary", FIRST_TAGS)
 @pytest.mark.parametrize("turn", [0, 1, 3])
 def test_a_tag_of_the_official_pictures_gives_the_right_world(dictionary: str, turn: int):
@@ -281,6 +285,7 @@ SPOTS = [(0.03, 0.23), (-0.06, 0.15), (0.13, 0.30)]
 """Of the cube behind the tag, in the frame of the upright tag."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spot", SPOTS)
 @pytest.mark.parametrize("upright", ["official", "opencv"])
 def test_objects_tell_whose_picture_a_lone_tag_is(tmp_path: Path, upright: str, spot: tuple[float, float]):

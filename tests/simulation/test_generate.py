@@ -346,6 +346,7 @@ def test_options_that_cannot_be_used(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_more_targets_leave_all_else_as_it_is(
     undisturbed: Path, tmp_path: Path, photographers: ModuleType
 ) -> None:

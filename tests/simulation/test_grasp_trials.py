@@ -112,6 +112,7 @@ def test_a_stored_state_and_pose_give_the_stored_outcome(world: World, trials: T
         assert execute(world, Grasp(poses_of(trials)[k], world.gripper.max_opening)).success
 
 
+@pytest.mark.slow
 def test_the_same_settings_give_the_same_trials_whatever_was_before(
     world: World, settled: Scene, trials: Trials
 ) -> None:

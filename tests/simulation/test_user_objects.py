@@ -146,6 +146,7 @@ def depth_of(engine: Any, camera: Camera) -> np.ndarray:
     return rendered(engine, camera)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("quaternion", [UPRIGHT, LYING], ids=["upright", "lying"])
 def test_an_object_is_what_the_engine_itself_makes_of_its_urdf(
