@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -298,6 +299,12 @@ def test_an_old_name_of_a_command_is_read_and_said_to_be_old(
     caplog.clear()
     shown(new)
     assert not caplog.text
+
+
+@pytest.mark.parametrize("name", ["ORACLE", "JUDGED", "ANTIPODAL"])
+def test_an_installation_from_before_finds_the_oracles(name: str):
+    old, new = (import_module(f"neugrasp.evaluation.{at}") for at in ("measuring_sticks", "oracle_baselines"))
+    assert getattr(old, name) is getattr(new, name)
 
 
 @pytest.mark.parametrize(("name", "tool"), cli.GONE.items())
