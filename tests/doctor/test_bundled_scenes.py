@@ -30,7 +30,8 @@ def without_objects(views: Views) -> Views:
 
 
 def test_what_is_known_of_the_table_before_there_are_photos_changes_no_finding():
-    views = read_scene(FIRST.folder)
+    # In the second scene no background agrees less than the others, which photos would have to explain.
+    views = read_scene(REST[0].folder)
     table = known_table(without_objects(views))
     assert table is not None
     first, second, *others = views.frames
