@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import struct
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import httpx
 import numpy as np
 import pytest
+from PIL import Image
 
 from held_detector import FlatTable
 from neugrasp.detection.contract import Detection
@@ -94,12 +96,22 @@ def test_it_can_be_steered(served: Running, scene: Path, steering: dict, left: i
 
 def test_a_mask_is_a_part(served: Running, scene: Path):
     image = (scene / "images/0.png").read_bytes()
-    black = [*parts_of(scene, *WHOLE), ("mask", ("mask.png", image))]
-    answer = post(served, "/v1/detect", black, data={"steering": '{"mask_view": 0}'})
-    assert answer.status_code == 200
-    answer = post(served, "/v1/detect", black)
-    assert answer.status_code == 422
-    assert "mask_view" in answer.json()["detail"]
+    with Image.open(scene / "images/0.png") as photo:
+        mask = io.BytesIO()
+        white = Image.new("L", photo.size, 255)
+        white.paste(0, (0, 0, 8, 8))
+        white.save(mask, "PNG")
+    with_mask, with_photo = (
+        [*parts_of(scene, *WHOLE), ("mask", ("mask.png", content))] for content in (mask.getvalue(), image)
+    )
+    named = {"steering": '{"mask_view": 0}'}
+    assert post(served, "/v1/detect", with_mask, data=named).status_code == 200
+    for answer, wrong in (
+        (post(served, "/v1/detect", with_mask), "mask_view"),
+        (post(served, "/v1/detect", with_photo, data=named), "photo"),
+    ):
+        assert answer.status_code == 422
+        assert wrong in answer.json()["detail"]
 
 
 def test_red_is_refused_with_what_to_do_unless_it_is_forced(served: Running, scene: Path):

@@ -12,13 +12,12 @@ from neugrasp.doctor.camera_findings import check_coverage, check_intrinsics
 from neugrasp.doctor.capture import Capture, Reading, read_capture, tags_of
 from neugrasp.doctor.convention import check_convention, is_examinable
 from neugrasp.doctor.empty_table import check_empty_table
-from neugrasp.doctor.exchanged import odd_ones
 from neugrasp.doctor.findings import Finding, Level, verdict, worst
 from neugrasp.doctor.light_checks import check_brightness, check_light, check_sharpness
 from neugrasp.doctor.messages import BACKGROUND_DIFFERS, MIRRORED, SAME_PHOTO, SHIFTED, TABLE_HEIGHT
 from neugrasp.doctor.pair_checks import check_exchanged_quickly, check_pairs, check_pairs_quickly
 from neugrasp.doctor.silhouettes import check_silhouettes
-from neugrasp.doctor.table import coarse_pictures
+from neugrasp.doctor.table import TablePicture, coarse_pictures
 from neugrasp.doctor.table_checks import check_scale, check_table, check_table_quickly
 from neugrasp.doctor.table_crop import GLANCE_SIZE, table_crops
 from neugrasp.observation import Views
@@ -72,7 +71,7 @@ def examine_read(
     views: Views,
     thoroughly: bool = False,
     tags: Sequence[Finding] | None = None,
-    table: Finding | None = None,
+    table: KnownTable | None = None,
 ) -> Diagnosis:
     """The diagnosis of a scene as `read_scene` gave it, with what its files say: `tags`, by default read from
     them.
@@ -80,22 +79,30 @@ def examine_read(
     By default by what costs next to nothing and decides: conventions, units, intrinsics, coverage, what
     photos say of themselves (rotation, focal length), backgrounds of other views or places, photos in which
     nothing is to be seen, light that changed much, and whether the photos agree about the table. The last is
-    known before where cameras and backgrounds stay: `table`, as `known_table` gave it.
+    known before where cameras and backgrounds stay: `table`.
     """
     reading = Reading(Capture.of(views), tuple(tags_of(views) if tags is None else tags))
     return _examine(reading, _look if thoroughly else partial(_glance, given=reading.capture, table=table))
 
 
-def known_table(empty: Views) -> Finding | None:
-    """What the quick look says of the table that the backgrounds of a scene show, by backgrounds and cameras
-    alone; None where it would mend the cameras, or where the photos must say whether one was exchanged."""
-    capture = Capture.of(empty)
-    if check_convention(capture)[0] is not capture or not is_examinable(empty):
-        return None
-    pictures = coarse_pictures(empty)
-    mended, findings = check_table_quickly(capture, pictures)
-    is_settled = mended is capture and len(findings) == 1 and not odd_ones(pictures)
-    return findings[0] if is_settled else None
+@dataclass(frozen=True)
+class KnownTable:
+    """The table of a cell whose cameras and backgrounds stay."""
+
+    finding: Finding
+    """What the quick look says of it."""
+    pictures: tuple[TablePicture, ...]
+    """The backgrounds, as a quick look takes them."""
+
+    @classmethod
+    def of(cls, empty: Views) -> KnownTable | None:
+        """By the backgrounds and cameras of a scene; None where a look would mend the cameras."""
+        capture = Capture.of(empty)
+        if check_convention(capture)[0] is not capture or not is_examinable(empty):
+            return None
+        pictures = coarse_pictures(empty)
+        mended, findings = check_table_quickly(capture, pictures)
+        return cls(findings[0], tuple(pictures)) if mended is capture and len(findings) == 1 else None
 
 
 def _examine(reading: Reading, look: Look | None = None) -> Diagnosis:
@@ -135,10 +142,10 @@ def _look(capture: Capture) -> tuple[Capture, list[Finding]]:
     return capture, [*findings, *check_brightness(crops)]
 
 
-def _glance_at_table(capture: Capture) -> tuple[Capture, list[Finding]]:
+def _glance_at_table(capture: Capture, known: KnownTable | None) -> tuple[Capture, list[Finding]]:
     """Whether the backgrounds agree about the table, and whether some of them are images."""
-    pictures = coarse_pictures(capture.views)
-    of_table = check_table_quickly(capture, pictures)
+    pictures = known.pictures if known else coarse_pictures(capture.views)
+    of_table = (capture, [known.finding]) if known else check_table_quickly(capture, pictures)
     if any(finding.problem is TABLE_HEIGHT for finding in of_table[1]):
         return of_table
     mended, findings = check_exchanged_quickly(capture, pictures)
@@ -149,7 +156,7 @@ def _glance_at_table(capture: Capture) -> tuple[Capture, list[Finding]]:
 
 
 def _glance(
-    capture: Capture, given: Capture | None = None, table: Finding | None = None
+    capture: Capture, given: Capture | None = None, table: KnownTable | None = None
 ) -> tuple[Capture, list[Finding]]:
     """The checks that are quick and decide; of the light, what makes grasps fail. What is known of the
     `table` holds while nothing of the capture that was `given` was mended."""
@@ -162,11 +169,8 @@ def _glance(
     if any(finding.problem is SAME_PHOTO for finding in pairs):
         return capture, findings
     if not (wrong := {i for finding in pairs if finding.level == Level.RED for i in finding.views}):
-        if table is not None and capture is given:
-            findings.append(table)
-        else:
-            capture, found = _glance_at_table(capture)
-            findings += found
+        capture, found = _glance_at_table(capture, table if capture is given else None)
+        findings += found
     light = [*check_brightness(crops), *check_light([s for s in crops if s.index not in wrong] or crops)]
     red = [finding for finding in light if finding.level == Level.RED]
     return capture, [*findings, *check_coverage(capture.views), *red]

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import ndimage
 
-from neugrasp.doctor.table import TablePicture, comparable, correlation
+from neugrasp.doctor.table import TablePicture, comparable
 from neugrasp.doctor.table_crop import Mask
 
 CHANGED, LEAST_CHANGE = 6.0, 0.01
@@ -30,18 +30,6 @@ def exchanged_views(backgrounds: Sequence[TablePicture], images: Sequence[TableP
     if pairs and all(_is_exchanged(view, pairs, (backgrounds, images), AT_ALL) for view in views):
         return tuple(views)
     return tuple(view for view in views if _is_exchanged(view, pairs, (backgrounds, images), CLEARLY))
-
-
-def odd_ones(pictures: Sequence[TablePicture]) -> dict[int, dict[int, float]]:
-    """Of each picture that agrees less with the others than those do with each other: how much with which."""
-    agreed = {pair: correlation(*(pictures[i] for i in pair)) or 0.0 for pair in comparable(pictures)}
-    found = {}
-    for odd in range(len(pictures)):
-        with_it = {sum(pair) - odd: value for pair, value in agreed.items() if odd in pair}
-        others = [value for pair, value in agreed.items() if odd not in pair]
-        if with_it and max(with_it.values()) < min(others, default=1.0):
-            found[odd] = with_it
-    return found
 
 
 def _is_exchanged(

@@ -35,6 +35,8 @@ class Problem:
     """What it does to a prediction, or how it comes about."""
     remedy: str
     """What to do, beginning with a verb."""
+    is_universal: bool = False
+    """Whether it is so with every capture: then its line says it, and the verdict does not."""
 
 
 @dataclass(frozen=True)
@@ -86,8 +88,10 @@ def worst(findings: Sequence[Finding]) -> Level:
 
 def verdict(findings: Sequence[Finding]) -> str:
     """The level of the whole, and what stayed open: "green, but poses unchecked: no texture on the table"."""
-    unknown = [f for f in findings if f.level == Level.GREY and f.problem is not None]
-    words = [f"{f.problem.name[0].lower()}{f.problem.name[1:]}: {f.measured}" for f in unknown if f.problem]
+    open_ones = [(f.problem, f.measured) for f in findings if f.level == Level.GREY and f.problem]
+    words = [
+        f"{p.name[0].lower()}{p.name[1:]}: {measured}" for p, measured in open_ones if not p.is_universal
+    ]
     level = worst(findings)
     return level.word + (", but " + "; ".join(words) if words and level != Level.RED else "")
 

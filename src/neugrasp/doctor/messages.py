@@ -161,6 +161,7 @@ SCALE_UNCHECKED = Problem(
     "poses and the cube's place are off by 5 %, as after a print that is not in its true size, so are "
     "grasps, by 5 % of their distance from the world's origin.",
     "Measure once: what is 30 cm long on the table must be as long as the cube's edge in the report's photos",
+    is_universal=True,
 )
 SILHOUETTES = Problem(
     "The silhouettes contradict each other",

@@ -125,7 +125,8 @@ def _exchanged(crops: list[TableCrop], capture: Capture) -> tuple[tuple[int, ...
     sides = [crops, [replace(crop, background=crop.image) for crop in crops]]
     tables = [table_pictures(side, capture.views.workspace) for side in sides]
     if pairs := comparable(tables[0]):
-        empty, full = (mean_correlation(pictures, pairs) for pictures in tables)
+        as_is, full = (mean_correlation(pictures, pairs) for pictures in tables)
+        empty = as_is
         agreed, some = max((_mixed(tables, part, pairs), part) for part in _parts(len(crops)))
         if agreed > max(FLAT, empty + AGREED_MORE, full + AGREED_MORE) and 1 - agreed < REST * (1 - empty):
             text = f"the photos of the table agree by {agreed:.2f} with image and background exchanged, else "
@@ -133,7 +134,7 @@ def _exchanged(crops: list[TableCrop], capture: Capture) -> tuple[tuple[int, ...
         # Where the cube stands too high or too low, tops of objects may agree by chance: each at its best.
         if full > empty + MORE_AGREED:
             empty, full = (best_height(Evidence(capture, side, pairs, None)).agreement for side in sides)
-        if empty > AGREED and (some := exchanged_views(*tables)):
+        if as_is > AGREED and (some := exchanged_views(*tables)):
             text = f"where image and background differ, the images of {len(some)} views show the empty table"
             return tuple(everyone[i] for i in some), text
         if max(empty, full) > MATCH:

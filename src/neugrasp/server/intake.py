@@ -14,7 +14,7 @@ from neugrasp.data.photo_files import Photo, image_size, photo_tags, read_image
 from neugrasp.data.scene_folder import FILE, STRAIGHT, VIEW_KEYS, camera_of, checked_head, workspace_of
 from neugrasp.data.strict_json import parse_json
 from neugrasp.detection.options import Box, Cone, Steering
-from neugrasp.doctor.findings import Finding
+from neugrasp.doctor.examination import KnownTable
 from neugrasp.doctor.photo_tags import Told
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import Workspace
@@ -34,7 +34,7 @@ class Cell:
     """With cameras and backgrounds."""
     told: tuple[Told, ...]
     """What the backgrounds say of themselves."""
-    table: Finding | None = None
+    table: KnownTable | None = None
     """The doctor's word on the table, where it is known before there are photos."""
 
     def empty(self) -> Views:
@@ -49,7 +49,7 @@ class Seen:
 
     views: Views
     told: tuple[Told, ...]
-    table: Finding | None = None
+    table: KnownTable | None = None
     """As of the cell."""
 
 

@@ -16,7 +16,7 @@ from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.detection.options import DetectorOptions, Steering
 from neugrasp.detection.registry import photo_detector
 from neugrasp.detection.steering import check_mask, steered
-from neugrasp.doctor.examination import Diagnosis, examine_read, known_table
+from neugrasp.doctor.examination import Diagnosis, KnownTable, examine_read
 from neugrasp.doctor.findings import Level
 from neugrasp.doctor.photo_tags import findings_of
 from neugrasp.errors import InputError
@@ -94,7 +94,7 @@ class Service:
             )
         cell = await self._read(lambda: cell_of(scene, backgrounds, self._most_pixels))
         empty = cell.empty()
-        cell = replace(cell, table=await self._read(lambda: known_table(empty)))
+        cell = replace(cell, table=await self._read(lambda: KnownTable.of(empty)))
         await self.workers.everywhere(
             lambda detector: detector.remember(empty) if isinstance(detector, NeuGraspDetector) else None
         )
