@@ -39,31 +39,31 @@ class LivePage:
 
     def __init__(self, title: str, workspace: Workspace, gripper: Gripper, host: str, port: int | None):
         """Raises `MissingExtra` without viser, `InputError` where nobody can listen there."""
-        self._contents = SceneData(title, workspace, gripper, moments=(Snapshot("nothing seen yet"),))
+        self._data = SceneData(title, workspace, gripper, moments=(Snapshot("nothing seen yet"),))
         self._world = workspace
         self._arms: list[Arm] = []
         self._lock = threading.Lock()
         self._stopped = threading.Event()
-        self._stage = ViserScene(host, port, title)
-        gui = self._stage.gui
+        self._scene = ViserScene(host, port, title)
+        gui = self._scene.gui
         self._button = gui.add_button("STOP", color="red", hint="ends the motion under way, and the run")
         self._button.on_click(lambda _: self.stop())
         self._state = gui.add_markdown("**starting**")
         self._counts = gui.add_markdown("no pick yet")
         self._photos: Any = None
-        self._stage.stand_at(viewpoint(self._contents, PAGE_ASPECT))
+        self._scene.stand_at(viewpoint(self._data, PAGE_ASPECT))
         self._draw()
 
     def __enter__(self) -> LivePage:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._stage.close()
+        self._scene.close()
 
     @property
     def url(self) -> str:
         """Where to look."""
-        return self._stage.url
+        return self._scene.url
 
     def stop(self) -> None:
         """Stops every arm at once, also one that is met later. From whichever thread."""
@@ -115,10 +115,10 @@ class LivePage:
     def _see(self, views: Views) -> None:
         moment = Snapshot(f"{len(views)} photos")
         self._world = views.workspace
-        self._contents = replace(self._contents, views=in_workspace(views), moments=(moment,))
+        self._data = replace(self._data, views=in_workspace(views), moments=(moment,))
         sheet = _sheet([view.image for view in views.frames])
         if self._photos is None:
-            self._photos = self._stage.gui.add_image(sheet, label="photos", format="jpeg")
+            self._photos = self._scene.gui.add_image(sheet, label="photos", format="jpeg")
         else:
             self._photos.image = sheet
         self._draw()
@@ -127,19 +127,19 @@ class LivePage:
         self._world = detection.workspace
         best = tuple(self._marker(grasp) for grasp in list(detection.grasps)[: SETTINGS.most])
         moment = Snapshot(f"{len(detection.grasps)} grasps", detection.tsdf, best)
-        self._contents = replace(self._contents, gripper=detection.gripper, moments=(moment,))
+        self._data = replace(self._data, gripper=detection.gripper, moments=(moment,))
         self._draw()
 
     def _choose(self, grasp: Grasp) -> None:
-        moment = replace(self._contents.moments[0], grasps=(self._marker(grasp),))
-        self._contents = replace(self._contents, moments=(moment,))
+        moment = replace(self._data.moments[0], grasps=(self._marker(grasp),))
+        self._data = replace(self._data, moments=(moment,))
         self._draw()
 
     def _marker(self, grasp: Grasp) -> GraspMarker:
         return GraspMarker(grasp.moved(inverse(self._world.world_from_workspace)))
 
     def _draw(self) -> None:
-        self._stage.draw(nodes_of(self._contents, SETTINGS), lambda _: None)
+        self._scene.draw(nodes_of(self._data, SETTINGS), lambda _: None)
 
 
 def _sheet(photos: list[Image]) -> Image:
