@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import struct
+import time
 import zlib
 from pathlib import Path
 from typing import Any
@@ -190,6 +191,10 @@ def test_the_server_goes_on(client: httpx.Client, scene: Path, served: Running):
     """After all of that; it comes last in this file."""
     answer = client.post("/v1/detect", files=parts_of(scene, "scene", "image", "background"))
     assert answer.status_code == 200
+    # The place is given back after the answer has left.
+    given_up = time.monotonic() + 10
+    while served.service.workers.held and time.monotonic() < given_up:
+        time.sleep(0.01)
     assert served.service.workers.held == 0
     assert "neugrasp_requests_total" in client.get("/metrics").text
     assert 'status="500"' not in client.get("/metrics").text
