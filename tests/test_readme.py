@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from PIL import Image as Picture
 from neugrasp.cli import COMMANDS, main
 from neugrasp.data.scene_folder import read_scene
 from neugrasp.detection.explanation import WORDS
+from neugrasp.training.config import TrainConfig
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
@@ -61,6 +63,8 @@ def test_every_option_that_is_named_exists(capsys: pytest.CaptureFixture[str]):
             with pytest.raises(SystemExit):
                 main([command, "--help"])
             known = set(re.findall(r"--[a-z][\w.-]*", capsys.readouterr().out))
+            if command == "train":  # Every value of a recipe is an option, too.
+                known |= {f"--{field.name.replace('_', '-')}" for field in fields(TrainConfig)}
             assert options <= known, f"{command}: {options - known}"
 
 

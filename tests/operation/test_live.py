@@ -58,15 +58,15 @@ def test_the_page_follows_and_its_button_stops_arms_that_come_later():
         blank = np.full((360, 640, 3), 90, dtype=np.uint8)
         views = tuple(View(camera, blank, blank, name=f"{i}") for i, camera in enumerate(cameras_of(cell)))
         page.stage("detecting", Views(views, cell.workspace))
-        assert {f"cameras/{i}/photo" for i in range(4)} < set(page._stage.names)
+        assert {f"cameras/{i}/photo" for i in range(4)} < set(page._scene.names)
         grasps = [Grasp(down_at(0.5, 0.0, height), 0.03) for height in (0.05, 0.06, 0.07)]
         tsdf = np.ones((40, 40, 40), dtype=np.float32)
         tsdf[18:22, 18:22, 6:12] = -1
         page.stage("planning", Detection(Grasps.of(grasps), cell.workspace, Gripper.load("panda"), tsdf))
-        assert {"surface", "grasps/000", "grasps/002"} < set(page._stage.names)
+        assert {"surface", "grasps/000", "grasps/002"} < set(page._scene.names)
         page.before(Step("a grasp of score 1.00", grasp=grasps[1]))
-        assert "grasps/001" not in page._stage.names
-        drawn = page._contents.moments[0].grasps[0].grasp
+        assert "grasps/001" not in page._scene.names
+        drawn = page._data.moments[0].grasps[0].grasp
         np.testing.assert_allclose(drawn.position, [0.15, 0.15, 0.11], atol=1e-9)
         page.before(Step("gripper opens", opening=0.08))
         assert "moving: gripper opens" in page._state.content
