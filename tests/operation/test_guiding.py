@@ -102,7 +102,7 @@ class Pencil:
 
 @dataclass
 class Led:
-    """A cell with an arm to lead, and the poses of a session."""
+    """A cell with an arm to lead, and the poses that it is led to."""
 
     arm: LedArm
     fingers: Fingers
