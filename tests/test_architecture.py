@@ -23,7 +23,7 @@ LAYERS = [
     {"geometry", "run_folder"},
     {"observation", "grasp", "gripper", "parallel"},
     {"execution"},
-    {"metrics", "pictures", "change_mask", "kernels"},
+    {"metrics", "pictures", "change_mask", "srgb", "kernels"},
     {"model", "simulation", "data"},
     {"detection", "training", "baselines", "doctor", "importers"},
     {"robot", "client"},

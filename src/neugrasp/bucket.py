@@ -31,6 +31,13 @@ def is_url(path: Path) -> bool:
     return URL.fullmatch(str(path)) is not None and local_of(path) == path
 
 
+def url_of(path: Path) -> str:
+    """The URL that a path was before pathlib made one slash of two."""
+    found = URL.fullmatch(str(path))
+    assert found is not None
+    return f"{found['scheme']}://{found['rest']}"
+
+
 @dataclass(frozen=True)
 class Bucket:
     """A place in an object store."""
@@ -43,9 +50,7 @@ class Bucket:
     def open(cls, path: Path) -> Bucket:
         """The bucket at a URL. Raises `InputError` where it cannot be reached, or by nothing that is
         installed, `MissingExtra` without fsspec."""
-        found = URL.fullmatch(str(path))
-        assert found is not None
-        url = f"{found['scheme']}://{found['rest']}"
+        url = url_of(path)
         require("fsspec", extra="cluster")
         core = require("fsspec.core", extra="cluster")
         try:

@@ -136,7 +136,12 @@ def led() -> Led:
     guarded = Guarded(arm, motion.fence)
     hardware = Hardware(guarded, hand, camera, fingers, motion, guarded)
     asked: Any = script
-    return Led(arm, fingers, Guide(cell, hardware, Pencil(), Person(asked, script.told)), script)
+    return Led(
+        arm,
+        fingers,
+        Guide(cell, hardware, Pencil(), Person("a hand must be led", asked, script.told)),
+        script,
+    )
 
 
 def enter() -> str:
@@ -209,7 +214,7 @@ def test_an_arm_that_cannot_be_led_says_so(led: Led, tmp_path: Path):
 
 def test_nobody_at_the_terminal_and_a_twin_are_refused(tmp_path: Path):
     with pytest.raises(InputError, match="run this in a terminal"):
-        Person(io.StringIO(), io.StringIO())
+        Person("run this in a terminal", io.StringIO(), io.StringIO())
     with pytest.raises(InputError, match="give the file of a real cell"):
         collect(Collect(out=tmp_path / "out", cell=TWIN, by_hand=True))
 

@@ -14,9 +14,10 @@ from neugrasp.geometry.pose import apply, inverse
 from neugrasp.geometry.surface import Surface
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
+from neugrasp.srgb import linear
 from neugrasp.viewer.cameras import base
 from neugrasp.viewer.drawing import colour_of, describe, grasps_of, nodes_of
-from neugrasp.viewer.glb import glb, linear
+from neugrasp.viewer.glb import glb
 from neugrasp.viewer.hand_meshes import TURNED, hand_mesh
 from neugrasp.viewer.primitives import Node, PictureNode
 from neugrasp.viewer.scene_data import GraspMarker, SceneData
@@ -261,10 +262,10 @@ def test_a_glb_file_holds_the_mesh_again():
     assert np.allclose(array(0, "<f4").reshape(-1, 3), surface.vertices)
     normals = array(1, "<f4").reshape(-1, 3)
     assert np.allclose(np.linalg.norm(normals, axis=1), 1)
-    assert np.allclose(array(2, "<f4").reshape(-1, 3), linear(colours), atol=1e-6)
+    assert np.allclose(array(2, "<f4").reshape(-1, 3), linear(colours / 255), atol=1e-6)
     assert array(3, "<u4").tolist() == [0, 1, 2]
-    assert linear(np.array([255], np.uint8))[0] == pytest.approx(1)
-    assert linear(np.array([188], np.uint8))[0] == pytest.approx(0.5, abs=0.01)
+    assert linear(np.array([255], np.uint8) / 255)[0] == pytest.approx(1)
+    assert linear(np.array([188], np.uint8) / 255)[0] == pytest.approx(0.5, abs=0.01)
 
 
 def test_the_ball_of_these_tests_is_red_in_its_photos(data: SceneData):

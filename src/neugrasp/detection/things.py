@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 from scipy import ndimage
 
@@ -41,11 +41,16 @@ class Thing:
         return x0, y0, z0, x1, y1, z1
 
 
+def matter(tsdf: ArrayLike, workspace: Workspace) -> Bool[np.ndarray, "r r r"]:
+    """Which voxels of a grid, negative inside, belong to what stands on the table."""
+    height = workspace.voxel_centres()[..., 2]
+    return np.asarray((np.asarray(tsdf) < 0) & (height > workspace.table_height + ON_TABLE))
+
+
 def things_in(tsdf: ArrayLike, workspace: Workspace) -> tuple[Thing, ...]:
     """What stands on the table by a grid [x, y, z], negative inside; the largest thing first."""
     centres = workspace.voxel_centres()
-    is_matter = (np.asarray(tsdf) < 0) & (centres[..., 2] > workspace.table_height + ON_TABLE)
-    labels, count = ndimage.label(is_matter)
+    labels, count = ndimage.label(matter(tsdf, workspace))
     things = [Thing(centres[labels == number]) for number in range(1, count + 1)]
     things = [thing for thing in things if len(thing.voxels) >= FEWEST]
     return tuple(sorted(things, key=lambda thing: -len(thing.voxels)))

@@ -8,8 +8,9 @@ import numpy as np
 from scipy import ndimage
 
 from neugrasp.doctor.registration import tukey
-from neugrasp.doctor.table_crop import Mask, Plane, TableCrop, linear
+from neugrasp.doctor.table_crop import Mask, Plane, TableCrop
 from neugrasp.geometry.pose import Array
+from neugrasp.srgb import displayed, linear
 
 DARKEST, BRIGHTEST = 0.06, 0.97
 """Displayed values between which a ratio of light is meaningful."""
@@ -55,8 +56,7 @@ class Drift:
         """The background as it would look in the light of the image."""
         stops = _basis(background.shape[:2]) @ self.plane.T
         light = np.clip(linear(background) * 2.0**stops, 0, 1)
-        display = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
-        return np.asarray(display, dtype=np.float32)
+        return np.asarray(displayed(light), dtype=np.float32)
 
 
 def drift_of(crop: TableCrop) -> Drift:

@@ -81,17 +81,16 @@ def check_light(crops: Sequence[TableCrop]) -> list[Finding]:
         drift("light", lambda d: d.slope, SLOPE_LIMITS, LIGHT_MOVED),
     ]
     masks = [different(crop, one) for crop, one in zip(crops, drifts, strict=True)]
-    shades = [shaded(crop, one) for crop, one in zip(crops, drifts, strict=True)]
-    return [*findings, *_changes(crops, masks, shades, comparable)]
+    return [*findings, *_changes(crops, drifts, masks, comparable)]
 
 
 def _changes(
-    crops: Sequence[TableCrop], masks: Sequence[Mask], shades: Sequence[Mask], comparable: Sequence[int]
+    crops: Sequence[TableCrop], drifts: Sequence[Drift], masks: Sequence[Mask], comparable: Sequence[int]
 ) -> list[Finding]:
     """What differs outside of the cube, and inside."""
     around = [_around(crop) for crop in crops]
     outside = [
-        100 * _foreign(masks[i], shades[i], crops[i].inside, zone)
+        100 * _foreign(crops[i], drifts[i], masks[i], zone)
         if i in comparable and zone.mean() > LEAST_AROUND
         else 0.0
         for i, zone in enumerate(around)
@@ -107,9 +106,12 @@ def _changes(
     return findings
 
 
-def _foreign(mask: Mask, shade: Mask, inside: Mask, zone: Mask) -> float:
+def _foreign(crop: TableCrop, drift: Drift, mask: Mask, zone: Mask) -> float:
     """The share of what lies around the cube that changed, without the shadows that reach out of it: those of
     a low lamp are longer than the objects, and are known by their shade and by where they begin."""
+    if not mask[zone].any():
+        return 0.0
+    shade, inside = shaded(crop, drift), crop.inside
     labels, count = ndimage.label(mask)
     begins_in_cube = np.asarray(
         ndimage.maximum(inside & ~shade, labels, np.arange(count + 1)), dtype=np.bool_

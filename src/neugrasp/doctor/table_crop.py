@@ -113,9 +113,3 @@ def _inside(camera: Camera, workspace: Workspace) -> Mask:
 def grey(picture: Plane) -> Array:
     """(h, w) brightness of a colour picture, as displayed."""
     return np.asarray(picture, dtype=np.float64) @ np.array([0.299, 0.587, 0.114])
-
-
-def linear(picture: Plane | Array) -> Array:
-    """Light of displayed (sRGB) values in [0, 1]."""
-    values = np.asarray(picture, dtype=np.float64)
-    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)

@@ -72,7 +72,11 @@ def collect(config: Collect, make_scene_renderer: MakeSceneRenderer | None = Non
     asked = [] if is_real else [_rounds(config, kind) for kind in _kinds(config)]
     folders = [config.out / "scenes" / f"{number:06d}" for number in range(config.scenes)]
     with lock_folder(config.out, "collect"):
-        facts = _facts(config) if is_real else {"kinds": [facts_of_rounds(one) for one in asked]}
+        facts = (
+            _facts(config, cell)
+            if cell is not None and is_real
+            else {"kinds": [facts_of_rounds(one) for one in asked]}
+        )
         check_run_config(config.out / "collection.json", {"grasps": config.grasps, **facts}, "collection")
         missing = [number for number, f in enumerate(folders) if not (f / LABELS_FILE).is_file()]
         reached("scenes", len(folders) - len(missing), len(folders))
@@ -88,17 +92,9 @@ def collect(config: Collect, make_scene_renderer: MakeSceneRenderer | None = Non
 
 def _collect_real(config: Collect, cell: CellFile, folders: Mapping[int, Path]) -> None:
     """The model's picks, or those of a person, on a real table."""
-    person = Person()
+    person = Person("a person has to lay objects and to answer: run this in a terminal")
     empty = read_empty(empty_folder(cell), cell.camera)
-    options = DetectorOptions(
-        weights=config.weights,
-        threshold=config.threshold,
-        hand_check=config.hand_check,
-        gripper=cell.gripper.model,
-        seed=config.seed,
-        device=config.device,
-    )
-    detector = None if config.by_hand else detector_spec(config.detector).load(options)
+    detector = None if config.by_hand else detector_spec(config.detector).load(_options(config, cell))
     with opened(cell) as hardware:
         if detector is None:
             lead_through(folders, Guide(cell, hardware, Photographs(hardware.camera, empty), person))
@@ -108,16 +104,25 @@ def _collect_real(config: Collect, cell: CellFile, folders: Mapping[int, Path]) 
             _collect_one(scenes, number, folder, config)
 
 
-def _facts(config: Collect) -> dict[str, Any]:
+def _facts(config: Collect, cell: CellFile) -> dict[str, Any]:
     """What a set of a real cell depends on."""
     assert config.cell is not None
-    cell = {"cell_sha256": text_hash(config.cell)}
+    file = {"cell_sha256": text_hash(config.cell)}
     if config.by_hand:
-        return {**cell, "by_hand": True}
-    options = DetectorOptions(
-        weights=config.weights, threshold=config.threshold, hand_check=config.hand_check
+        return {**file, "by_hand": True}
+    of_detector = detector_spec(config.detector).facts(_options(config, cell))
+    return {**file, "detector": config.detector, **of_detector}
+
+
+def _options(config: Collect, cell: CellFile) -> DetectorOptions:
+    return DetectorOptions(
+        weights=config.weights,
+        threshold=config.threshold,
+        hand_check=config.hand_check,
+        gripper=cell.gripper.model,
+        seed=config.seed,
+        device=config.device,
     )
-    return {**cell, "detector": config.detector, **detector_spec(config.detector).facts(options)}
 
 
 def _kinds(config: Collect) -> Sequence[Any]:

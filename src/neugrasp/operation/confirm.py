@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TextIO
 
-from neugrasp.errors import InputError
+from neugrasp.operation.person import Person
 from neugrasp.operation.steps import described
 from neugrasp.robot.attended import Step
-from neugrasp.robot.errors import LeftOut, Stopped
+from neugrasp.robot.errors import LeftOut
 from neugrasp.robot.interface import Arm
 from neugrasp.robot.motion import TO_GRASP, TO_PREGRASP, Motion
 
@@ -22,9 +21,9 @@ class Confirming:
     def __init__(self, planner: Motion, asked: TextIO | None = None, told: TextIO | None = None):
         """`planner` is in the world of the cell file. Raises `InputError` where nobody sits at a terminal."""
         self._planner = planner
-        self._asked, self._told = asked or sys.stdin, told or sys.stderr
-        if not (self._asked.isatty() and self._told.isatty()):
-            raise InputError("--confirm asks a person before every motion: run it in a terminal")
+        self._person = Person(
+            "--confirm asks a person before every motion: run it in a terminal", asked, told
+        )
 
     def meet(self, arm: Arm) -> None:
         """Nothing moves while a person thinks; `Stopped` is enough."""
@@ -33,16 +32,11 @@ class Confirming:
         """Returns on Enter. Raises `LeftOut` on s, where the grasp can still be left out, `Stopped` on q."""
         can_skip = step.grasp is not None or step.what in SKIPPABLE
         choices = "Enter: go" + (", s: leave this grasp out" if can_skip else "") + ", q: quit"
-        self._told.write(f"next: {described(step, self._planner)}\n")
+        self._person.told(f"next: {described(step, self._planner)}")
         while True:
-            self._told.write(f"  [{choices}] ")
-            self._told.flush()
-            answer = self._asked.readline()
-            word = answer.strip().lower()
-            if not answer or word in ("q", "quit"):
-                raise Stopped("a person ended the run")
+            word = self._person.asked(f"  [{choices}]", ended="a person ended the run")
             if word in ("s", "skip") and can_skip:
                 raise LeftOut("a person left it out")
             if not word:
                 return
-            self._told.write(f"  {word[:20]!r} is none of these\n")
+            self._person.told(f"  {word[:20]!r} is none of these")

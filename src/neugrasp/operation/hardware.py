@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from neugrasp.robot.arm_hand import OUT_OF_SIGHT, ArmHand, Places
+from neugrasp.robot.arm_hand import ArmHand, Places
 from neugrasp.robot.attended import Attendant, AttendedArm, AttendedGripper, AttendedManipulator
 from neugrasp.robot.cell_file import CellFile
 from neugrasp.robot.errors import LimitExceeded
 from neugrasp.robot.interface import Arm, Gripper, Manipulator, Sensor
 from neugrasp.robot.limits import Guarded
-from neugrasp.robot.motion import Motion
+from neugrasp.robot.motion import OUT_OF_SIGHT, Motion
 from neugrasp.robot.opencv_camera import OpenCvCamera
 from neugrasp.robot.realsense import RealSense
 from neugrasp.robot.robotiq import Robotiq

@@ -15,7 +15,7 @@ from neugrasp.robot.errors import NoPlan
 from neugrasp.robot.free_way import leg
 from neugrasp.robot.held import held_box
 from neugrasp.robot.interface import Arm, Gripper
-from neugrasp.robot.motion import BACK, TO_DROP, Motion, PickPlan
+from neugrasp.robot.motion import BACK, OUT_OF_SIGHT, TO_DROP, Motion, PickPlan
 from neugrasp.robot.trajectory import Trajectory
 
 PATIENCE = 3.0
@@ -23,7 +23,6 @@ PATIENCE = 3.0
 GRIPPER_TIMEOUT_S = 5.0
 CLEARANCE = 0.006
 """Metres kept from what was seen, but for the straight ways to a grasp and back."""
-OUT_OF_SIGHT = "out of sight"
 ARRIVED = 0.01
 """Radians by which the joints may be away from where a motion ended."""
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Protocol
 
 from neugrasp.detection.contract import Detection
 from neugrasp.execution import Hand
 from neugrasp.grasp import Grasp
-from neugrasp.robot.interface import Arm, ArmState, Gripper, Manipulator
+from neugrasp.robot.interface import Arm, ArmState, Gripper, Manipulator, StopsOnLeaving
 from neugrasp.robot.trajectory import Trajectory
 
 
@@ -43,21 +42,13 @@ class Attendant(Protocol):
         ...
 
 
-class AttendedArm:
+class AttendedArm(StopsOnLeaving):
     """An arm whose attendants are told of every motion."""
 
     def __init__(self, arm: Arm, *attendants: Attendant):
         self._arm, self._attendants = arm, attendants
         for attendant in attendants:
             attendant.meet(self)
-
-    def __enter__(self) -> AttendedArm:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.stop()
 
     def state(self) -> ArmState:
         """As `Arm.state`."""

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from neugrasp.detection.contract import Detection
-from neugrasp.detection.things import ON_TABLE
+from neugrasp.detection.things import ON_TABLE, matter
 from neugrasp.geometry.pose import Array, apply, inverse
 from neugrasp.grasp import Grasp
 
@@ -30,9 +30,10 @@ def held_box(grasp: Grasp, detection: Detection) -> Array | None:
     workspace = detection.workspace
     grasp = grasp.moved(inverse(workspace.world_from_workspace))
     centres = workspace.voxel_centres()
-    is_matter = (np.asarray(detection.tsdf) < 0) & (centres[..., 2] > workspace.table_height + ON_TABLE)
     across = np.abs((centres - grasp.position) @ grasp.pose[:3, 1])
-    labels, _ = ndimage.label(is_matter & (across <= grasp.width / 2 + workspace.voxel_size))
+    labels, _ = ndimage.label(
+        matter(detection.tsdf, workspace) & (across <= grasp.width / 2 + workspace.voxel_size)
+    )
     distance = np.where(labels > 0, np.linalg.norm(centres - grasp.position, axis=-1), np.inf)
     nearest = np.unravel_index(int(distance.argmin()), distance.shape)
     if distance[nearest] > REACH:

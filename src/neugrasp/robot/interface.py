@@ -7,9 +7,10 @@ user's world, metres; joints are radians. Every wait has an end; what goes wrong
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Generic, Protocol, TypeVar, runtime_checkable
+from typing import Generic, Protocol, Self, TypeVar, runtime_checkable
 
 from neugrasp.detection.contract import Detection
 from neugrasp.execution import Hand
@@ -106,6 +107,23 @@ class Arm(Protocol):
 
     def stop(self) -> None:
         """Ends a motion at once, from whichever thread; returns when the arm was told."""
+        ...
+
+
+class StopsOnLeaving(ABC):
+    """A context that stops when it is left."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    @abstractmethod
+    def stop(self) -> None:
+        """As `Arm.stop`."""
         ...
 
 

@@ -10,7 +10,6 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from types import TracebackType
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from neugrasp.robot.errors import (
     TooFast,
     TooLow,
 )
-from neugrasp.robot.interface import Arm, ArmState, Guidable
+from neugrasp.robot.interface import Arm, ArmState, Guidable, StopsOnLeaving
 from neugrasp.robot.trajectory import Pace, Trajectory
 
 START_TOLERANCE = 0.02
@@ -164,7 +163,7 @@ class Fence:
                 raise KeptOut(f"a part of the arm would be in keep-out box {number}")
 
 
-class Guarded:
+class Guarded(StopsOnLeaving):
     """An arm that does only what its fence allows. Leaving its context stops it."""
 
     def __init__(self, arm: Arm, fence: Fence):
@@ -172,14 +171,6 @@ class Guarded:
         self.fence = fence
         self._stopped = threading.Event()
         self._fault: RobotError | None = None
-
-    def __enter__(self) -> Guarded:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.stop()
 
     def state(self) -> ArmState:
         """Where the arm is. A fault that shows here is one, too: nothing moves afterwards."""

@@ -28,8 +28,8 @@ JUMP = 0.35
 TRIES = 4
 """Ends that a way is sought to, the nearest first."""
 TO_PREGRASP, TO_GRASP = "to the pre-grasp", "straight to the grasp"
-BACK, TO_DROP = "straight back from the grasp", "to the drop place"
-"""What the motions of a grasp are for."""
+BACK, TO_DROP, OUT_OF_SIGHT = "straight back from the grasp", "to the drop place", "out of sight"
+"""What motions are for."""
 HALF_TURN = rigid(rotation_about((0, 0, 1), np.pi))
 
 

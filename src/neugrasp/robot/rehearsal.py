@@ -7,7 +7,6 @@ would be.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from types import TracebackType
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from neugrasp.grasp import Grasp
 from neugrasp.robot.arm_hand import ArmHand, Places
 from neugrasp.robot.attended import AttendedArm, AttendedGripper, Step
 from neugrasp.robot.cell_file import CellFile
-from neugrasp.robot.interface import Arm, ArmState
+from neugrasp.robot.interface import Arm, ArmState, StopsOnLeaving
 from neugrasp.robot.limits import Guarded
 from neugrasp.robot.motion import Motion
 from neugrasp.robot.pick import pick
@@ -56,18 +55,10 @@ class _Notes:
 
 
 @dataclass
-class _PaperArm:
+class _PaperArm(StopsOnLeaving):
     """Is at once where it is sent."""
 
     joints: Array
-
-    def __enter__(self) -> _PaperArm:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.stop()
 
     def state(self) -> ArmState:
         return ArmState(self.joints, np.zeros_like(self.joints), 0.0)

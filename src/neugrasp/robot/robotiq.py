@@ -86,24 +86,15 @@ class Robotiq:
 
     def opening(self) -> float:
         """The distance between the pads, metres."""
-        share = min(1.0, max(0.0, (CLOSED - self._get("POS")) / (CLOSED - OPEN)))
-        arc, largest = self._hand.finger_arc, self._hand.max_opening
-        if arc is None:
-            return largest * share
-        closed, wide = arc.angle(0.0), arc.angle(largest)
-        return min(largest, max(0.0, arc.opening(closed + share * (wide - closed))))
+        return _opening_at(self._hand, (CLOSED - self._get("POS")) / (CLOSED - OPEN))
 
     def holds(self) -> bool:
         """Whether something stopped the fingers while they closed."""
         return self._get("OBJ") == STOPPED_CLOSING
 
     def _position(self, opening: float) -> int:
-        arc, largest = self._hand.finger_arc, self._hand.max_opening
-        share = min(1.0, max(0.0, opening / largest))
-        if arc is not None:
-            closed, wide = arc.angle(0.0), arc.angle(largest)
-            share = (arc.angle(share * largest) - closed) / (wide - closed)
-        return round(CLOSED - share * (CLOSED - OPEN)) if opening > 0 else 255
+        way = CLOSED - _motor_share(self._hand, opening) * (CLOSED - OPEN)
+        return round(way) if opening > 0 else 255
 
     def _activate(self) -> None:
         if self._get("STA") == ACTIVE and self._get("FLT") == 0:
@@ -141,3 +132,21 @@ class Robotiq:
         if not said:
             raise ConnectionLost(f"{self._name}: the gripper closed the connection")
         return said.decode("ascii", errors="replace")
+
+
+def _motor_share(hand: Hand, opening: float) -> float:
+    """The motor's way, 0 closed to 1 open, with the pads so far apart."""
+    share = min(1.0, max(0.0, opening / hand.max_opening))
+    if hand.finger_arc is None:
+        return share
+    closed, wide = (hand.finger_arc.angle(apart) for apart in (0.0, hand.max_opening))
+    return (hand.finger_arc.angle(share * hand.max_opening) - closed) / (wide - closed)
+
+
+def _opening_at(hand: Hand, motor_share: float) -> float:
+    """The reverse of `_motor_share`, metres."""
+    share, largest = min(1.0, max(0.0, motor_share)), hand.max_opening
+    if hand.finger_arc is None:
+        return largest * share
+    closed, wide = (hand.finger_arc.angle(apart) for apart in (0.0, largest))
+    return min(largest, max(0.0, hand.finger_arc.opening(closed + share * (wide - closed))))

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator, Sequence
-from types import TracebackType
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from neugrasp.robot.arm_hand import ArmHand, Places
 from neugrasp.robot.attended import Attendant, AttendedArm, AttendedGripper, AttendedManipulator
 from neugrasp.robot.cell_file import CellFile
 from neugrasp.robot.errors import MotionTimeout, Stopped
-from neugrasp.robot.interface import ArmState
+from neugrasp.robot.interface import ArmState, StopsOnLeaving
 from neugrasp.robot.limits import Guarded
 from neugrasp.robot.motion import Motion
 from neugrasp.robot.simulated import SimulatedRobot
@@ -31,21 +30,13 @@ CLOSING_S, OPENING_S = 0.5, 0.7
 """Seconds that the fingers are given: as long as the floating hand has to close."""
 
 
-class TwinArm:
+class TwinArm(StopsOnLeaving):
     """Joints in physics that follow a motion, one target for each of the engine's steps."""
 
     def __init__(self, body: JointedArm):
         self._body = body
         self._stopped = threading.Event()
         self._seconds = 0.0
-
-    def __enter__(self) -> TwinArm:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.stop()
 
     def state(self) -> ArmState:
         """Where the joints are."""

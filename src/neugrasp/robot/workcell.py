@@ -15,7 +15,7 @@ from neugrasp.geometry.workspace import Workspace
 from neugrasp.robot.cell_file import CellFile
 from neugrasp.robot.errors import NoPlan, Refused, Unreachable
 from neugrasp.robot.limits import Fence
-from neugrasp.robot.motion import Motion
+from neugrasp.robot.motion import OUT_OF_SIGHT, Motion
 from neugrasp.robot.tool import Tool
 from neugrasp.robot.tour import Stop, Tour
 
@@ -79,7 +79,7 @@ def tour_of(cell: CellFile, motion: Motion, cameras: Sequence[Camera]) -> Tour:
         here = way.joints[-1]
     home = motion.way(here, cell.out_of_sight[None], checker)
     motion.fence.check(home, here)
-    return Tour(tuple(stops), home.named("out of sight"))
+    return Tour(tuple(stops), home.named(OUT_OF_SIGHT))
 
 
 def _tcp_of(cell: CellFile, camera: Camera) -> Array:

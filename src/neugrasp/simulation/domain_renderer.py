@@ -21,6 +21,7 @@ from neugrasp.simulation.cell_photos import SceneRenderer
 from neugrasp.simulation.domain import Domain, Lens, Sensor
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.renderer import Renderer, RenderSettings
+from neugrasp.srgb import displayed, linear
 
 ROUNDS_OF_INVERSION = 8
 
@@ -111,27 +112,13 @@ def sensed(
     height, width = photo.shape[:2]
     v, u = np.mgrid[:height, :width] - np.array([(height - 1) / 2, (width - 1) / 2]).reshape(2, 1, 1)
     from_middle = (u**2 + v**2) / ((height**2 + width**2) / 4)
-    light = _light_of(photo / 255) * (1 - sensor.vignetting * from_middle)[..., None]
+    light = linear(photo / 255) * (1 - sensor.vignetting * from_middle)[..., None]
     light += rng.normal(size=light.shape) * np.sqrt(sensor.shot * light + sensor.read**2)
     stream = io.BytesIO()
-    pixels = (255 * _code_of(light.clip(0, 1))).round().astype(np.uint8)
+    pixels = (255 * displayed(light.clip(0, 1))).round().astype(np.uint8)
     Picture.fromarray(pixels).save(stream, "JPEG", quality=sensor.jpeg)
     stream.seek(0)
     return np.asarray(Picture.open(stream).convert("RGB"))
-
-
-def _light_of(code: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Light of sRGB values from 0 to 1."""
-    light: NDArray[np.float64] = np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
-    return light
-
-
-def _code_of(light: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The inverse of `_light_of`."""
-    code: NDArray[np.float64] = np.where(
-        light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055
-    )
-    return code
 
 
 @contextmanager

@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from neugrasp.bucket import Bucket, is_url, local_of
+from neugrasp.bucket import Bucket, is_url, local_of, url_of
 from neugrasp.data.labels import LABELS_FILE
 from neugrasp.data.strict_json import parse_json
 from neugrasp.errors import InputError
@@ -105,8 +105,7 @@ def run(config: Generate) -> str:
     folders = generate(config)
     recipe = [] if config.photos else ["--recipe", "head-only"]
     if is_url(config.out):
-        url = Bucket.open(config.out).url
-        return f"{len(folders)} scenes in {url}; copy it into a folder to learn from it"
+        return f"{len(folders)} scenes in {url_of(config.out)}; copy it into a folder to learn from it"
     then = next_step("train", *recipe, "--data", config.out, "--out", "runs/mine")
     return f"{len(folders)} scenes in {config.out}\n{then}"
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from neugrasp.geometry.pose import Array
 from neugrasp.geometry.surface import Surface
+from neugrasp.srgb import linear
 
 FLOAT, UNSIGNED = 5126, 5125
 """Numbers that glTF gives to types."""
@@ -21,7 +22,7 @@ def glb(surface: Surface, colours: NDArray[np.uint8]) -> bytes:
     arrays = [
         surface.vertices.astype("<f4"),
         vertex_normals(surface).astype("<f4"),
-        linear(colours).astype("<f4"),
+        linear(colours / 255).astype("<f4"),
         surface.faces.reshape(-1).astype("<u4"),
     ]
     low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
@@ -74,9 +75,3 @@ def vertex_normals(surface: Surface) -> Array:
         np.add.at(total, surface.faces[:, corner], normals)
     length = np.linalg.norm(total, axis=-1, keepdims=True)
     return np.where(length > 0, total / np.maximum(length, 1e-30), (0.0, 0.0, 1.0))
-
-
-def linear(colours: NDArray[np.uint8]) -> Array:
-    """Colours of a screen (sRGB, 0 to 255) as amounts of light, 0 to 1."""
-    values = colours.astype(np.float64) / 255
-    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
