@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import ConvexHull, cKDTree
 
 from neugrasp.detection.collision_filter import DEEPER, CollisionFilter
-from neugrasp.detection.decode import Prediction, SelectionConfig, select_grasps
+from neugrasp.detection.decode import Prediction, SelectionConfig, select_grasps, stored
 from neugrasp.geometry.pose import rigid, rotation_about
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
@@ -136,7 +136,7 @@ def straight_down(tsdf: np.ndarray, *peaks: tuple[int, ...]) -> Prediction:
         quality[x, y, z] = 1.0
     rotation = np.zeros((4, *tsdf.shape), dtype=np.float32)
     rotation[0] = 1.0
-    return Prediction(tsdf, quality, rotation, np.full_like(tsdf, 5.0))
+    return Prediction(tsdf, quality, np.full_like(tsdf, 5.0), stored(rotation))
 
 
 @pytest.mark.parametrize(

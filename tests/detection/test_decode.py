@@ -15,6 +15,7 @@ from neugrasp.detection.decode import (
     encode_grasp,
     near_surface,
     select_grasps,
+    stored,
 )
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
@@ -33,7 +34,7 @@ def prediction(peaks: dict[tuple[int, int, int], float], width: float = 5.0) -> 
         quality[x, y, z] = min(1.0, value + 0.01)
     rotation = np.zeros((4, 40, 40, 40), dtype=np.float32)
     rotation[0] = 1.0  # half a turn about x: approach straight down
-    return Prediction(tsdf, quality, rotation, np.full((40, 40, 40), width, dtype=np.float32))
+    return Prediction(tsdf, quality, np.full((40, 40, 40), width, dtype=np.float32), stored(rotation))
 
 
 @settings(max_examples=60, deadline=None)

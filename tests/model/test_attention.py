@@ -49,11 +49,15 @@ def test_view_transformer_is_linear_attention_of_token_and_views():
         assert_close(views[:, point], expected[1:], atol=1e-4, rtol=1e-4)
 
 
-def test_unified_feature_is_the_same_without_view_features():
+def test_unified_feature_and_its_gradients_are_the_same_without_view_features():
     torch.manual_seed(0)
     layer = ViewTransformer(8, heads=2)
-    tokens = torch.randn(3, 11, 8)
-    assert_close(layer(tokens, need_views=False)[0], layer(tokens, need_views=True)[0])
+    tokens = torch.randn(3, 11, 8, requires_grad=True)
+    alone, together = (layer(tokens, need_views=views)[0] for views in (False, True))
+    assert_close(alone, together)
+    pull, wanted = torch.randn_like(alone), [tokens, *layer.parameters()]
+    for own, same in zip(*(torch.autograd.grad(one, wanted, pull) for one in (alone, together)), strict=True):
+        assert_close(own, same, atol=1e-4, rtol=1e-4)
 
 
 def test_ray_transformer_is_linear_attention_along_each_ray():

@@ -18,7 +18,7 @@ from torch import Tensor
 from neugrasp.baselines.vgn_training import NAME, Vgn, VgnConfig
 from neugrasp.data.npz import reason_of
 from neugrasp.detection.contract import Detection, Stopwatch
-from neugrasp.detection.decode import Prediction, Selection, SelectionConfig, select_grasps
+from neugrasp.detection.decode import Prediction, Selection, SelectionConfig, select_grasps, stored
 from neugrasp.detection.detector import check_cube, noted_facts, threshold_of
 from neugrasp.detection.options import DetectorOptions
 from neugrasp.detection.registry import DEPTH, DetectorSpec, weights_facts
@@ -116,9 +116,8 @@ def vgn_selection(
     grid = vgn_grid(tsdf)
     volume = head.network(torch.from_numpy(grid).unsqueeze(0))
     scaled: Grid = (2 * grid - 1).astype(np.float32)
-    prediction = Prediction(
-        scaled, volume.quality[0].numpy(), volume.rotation[0].numpy(), volume.width[0].numpy()
-    )
+    rotations = stored(volume.rotation[0].numpy())
+    prediction = Prediction(scaled, volume.quality[0].numpy(), volume.width[0].numpy(), rotations)
     chosen = select_grasps(prediction, workspace, gripper, config)
     if not head.is_public:
         return chosen, scaled

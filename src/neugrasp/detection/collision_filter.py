@@ -91,10 +91,14 @@ class CollisionFilter:
         works; what is held deeper slips less (docs/training_log.md). No tolerance here: a hand is moved only
         through what is free.
         """
-        depths = STEP * np.arange(round(DEEPER * self.finger_depth / STEP) + 1)
-        ahead = [poses @ rigid(translation=(0, 0, depth)) for depth in depths]
-        free = [self.clearance(tsdf, workspace, moved, widths) > 0 for moved in ahead]
-        return STEP * np.maximum(np.cumprod(free, axis=0).sum(axis=0) - 1, 0)
+        margin, going = np.zeros(len(poses)), np.arange(len(poses))
+        for depth in STEP * np.arange(round(DEEPER * self.finger_depth / STEP) + 1):
+            if not len(going):
+                break
+            ahead = poses[going] @ rigid(translation=(0, 0, depth))
+            going = going[self.clearance(tsdf, workspace, ahead, widths[going]) > 0]
+            margin[going] = depth
+        return margin
 
     def passes(
         self,

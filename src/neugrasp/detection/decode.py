@@ -6,7 +6,7 @@ along the approach (docs/conventions.md).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,10 +51,15 @@ class Prediction:
     """In [-1, 1]."""
     quality: Float32[np.ndarray, "r r r"]
     """In [0, 1]."""
-    rotation: Float32[np.ndarray, "4 r r r"]
-    """Quaternion xyzw."""
     width: Float32[np.ndarray, "r r r"]
     """Voxels."""
+    rotations: Callable[[Int64[np.ndarray, "n 3"]], Float32[np.ndarray, "n 4"]]
+    """Quaternions xyzw at the voxels of these indices: few are ever asked for."""
+
+
+def stored(rotation: Float32[np.ndarray, "4 r r r"]) -> Callable[[NDArray[np.int64]], NDArray[np.float32]]:
+    """The `rotations` of a `Prediction` that has the quaternions of all voxels."""
+    return lambda voxels: np.ascontiguousarray(rotation[(slice(None), *voxels.T)].T)
 
 
 @dataclass(frozen=True)
@@ -123,15 +128,11 @@ def select_grasps(
     reject("too_wide_for_the_gripper", width <= gripper.max_opening - config.min_width)
     candidates = np.where(alive, quality, 0.0)
     reject("not_the_best_nearby", candidates == ndimage.maximum_filter(candidates, config.suppression))
-    indices = np.argwhere(alive)
-    order = np.argsort(-quality[alive], kind="stable")
+    peaks = np.argwhere(alive)[np.argsort(-quality[alive], kind="stable")]
     grasps = tuple(
-        decode_grasp(
-            workspace, gripper, tuple(index.tolist()), prediction.rotation[(slice(None), *index)],
-            float(width[tuple(index)]), float(quality[tuple(index)]),
-        )
-        for index in indices[order]
-    )  # fmt: skip
+        decode_grasp(workspace, gripper, index, quaternion, float(width[index]), float(quality[index]))
+        for index, quaternion in zip(map(tuple, peaks.tolist()), prediction.rotations(peaks), strict=True)
+    )
     # Last, not before the suppression: the neighbours that would take the place of a peak that fails pass
     # only just, and hold less often.
     if config.hand is not None:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import torch
+from jaxtyping import Float32, Int64
 from scipy.special import expit
 from torch import Tensor
 
@@ -30,23 +31,24 @@ def predict_grasps(
     """
     poses = np.stack([symmetry.of_grid(tsdf) for symmetry in symmetries])
     volume = head(torch.from_numpy(poses).float().to(device))
-    logits, widths, rotations = (
-        each.float().cpu().numpy() for each in (volume.logits, volume.width, volume.rotation.movedim(1, -1))
-    )
     undo = [symmetry.inverse for symmetry in symmetries]
 
-    def moved_back(grids: np.ndarray) -> np.ndarray:
-        return np.stack([one.of_grid(grid) for one, grid in zip(undo, grids, strict=True)])
+    def mean(grids: Tensor) -> Grid:
+        """Of grids in all poses, in the first."""
+        each = zip(undo, grids.float().cpu().numpy(), strict=True)
+        return np.mean([one.of_grid(grid) for one, grid in each], axis=0, dtype=np.float32)
 
-    there = zip(undo, moved_back(rotations), strict=True)
-    turned = np.stack([one.of_rotations(quaternions) for one, quaternions in there])
-    rotation = _mean_rotation(torch.from_numpy(turned)).movedim(-1, 0).numpy()
-    return Prediction(
-        np.asarray(tsdf, dtype=np.float32),
-        expit(moved_back(logits).mean(axis=0)).astype(np.float32),
-        np.ascontiguousarray(rotation, dtype=np.float32),
-        moved_back(widths).mean(axis=0).astype(np.float32),
-    )
+    def rotations(voxels: Int64[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 4"]:
+        flat = np.ravel_multi_index(tuple(voxels.T), tsdf.shape)
+        places = np.arange(tsdf.size).reshape(tsdf.shape)
+        turned = []
+        for one, quaternions in zip(undo, volume.rotation.flatten(2), strict=True):
+            there = torch.from_numpy(one.of_grid(places).ravel()[flat]).to(quaternions.device)
+            turned.append(one.of_rotations(quaternions[:, there].T.float().cpu().numpy()))
+        return _mean_rotation(torch.from_numpy(np.stack(turned))).float().numpy()
+
+    quality = expit(mean(volume.logits))
+    return Prediction(np.asarray(tsdf, dtype=np.float32), quality, mean(volume.width), rotations)
 
 
 def _mean_rotation(quaternions: Tensor) -> Tensor:

@@ -85,12 +85,8 @@ class InterpolationIndex:
     shares: Float[Tensor, "*places corners"]
     """In full precision; they sum to one, or are 0 where nothing is to be read."""
 
-    def part(self, part: slice) -> InterpolationIndex:
+    def part(self, places: slice | Int[Tensor, " chosen"]) -> InterpolationIndex:
         """Some of the places, along the last axis of them."""
-        return InterpolationIndex(self.rows[..., part, :], self.shares[..., part, :])
-
-    def select(self, places: Int[Tensor, " chosen"]) -> InterpolationIndex:
-        """The places of that index, along the last axis of them."""
         return InterpolationIndex(self.rows[..., places, :], self.shares[..., places, :])
 
     def where(self, known: Bool[Tensor, "*places"]) -> InterpolationIndex:

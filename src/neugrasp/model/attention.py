@@ -72,16 +72,27 @@ class ViewTransformer(nn.Module):
         if view_attention.pays(tokens):
             attended = view_attention.attend(self, tokens, 1 + len(tokens) if need_views else 1)
             return attended[0], attended[1:] if need_views else None
-        token = self.token.T.to(tokens.dtype).expand(1, tokens.shape[1], -1)
-        x = torch.cat([token, tokens])
-        asking = x if need_views else token
-        query, key, value = feature_map(self.query(asking)), feature_map(self.key(x)), self.value(x)
+        if not need_views:
+            return self._unified(tokens).to(tokens.dtype), None
+        x = torch.cat([self.token.T.to(tokens.dtype).expand(1, tokens.shape[1], -1), tokens])
+        query, key, value = feature_map(self.query(x)), feature_map(self.key(x)), self.value(x)
         weights = F.linear(query.unsqueeze(1) * key, self.same_head)  # (queries, tokens, p, d)
         message = (weights * value).sum(1) / (weights.sum(1) + EPSILON)
-        message = self.norm_message(self.merge(message)).to(asking.dtype)
-        hidden = F.relu(self.expand(torch.cat([asking, message], dim=-1)))
-        attended = asking + self.norm_mlp(self.contract(hidden)).to(asking.dtype)
-        return attended[0], attended[1:] if need_views else None
+        message = self.norm_message(self.merge(message)).to(x.dtype)
+        hidden = F.relu(self.expand(torch.cat([x, message], dim=-1)))
+        attended = x + self.norm_mlp(self.contract(hidden)).to(x.dtype)
+        return attended[0], attended[1:]
+
+    def _unified(self, tokens: Float[Tensor, "views points channels"]) -> Float[Tensor, "points channels"]:
+        """The unified feature alone: the token is the same at every point, and so is all that it asks."""
+        token = self.token.T
+        asked = feature_map(self.query(token)) * self.same_head
+        own, weights = (F.linear(feature_map(self.key(x)), asked) for x in (token, tokens))
+        message = own * self.value(token) + (weights * self.value(tokens)).sum(0)
+        message = self.norm_message(self.merge(message / (own + weights.sum(0) + EPSILON)))
+        from_token, from_message = self.expand.weight.split(len(self.token), dim=1)
+        hidden = F.relu(F.linear(message, from_message, F.linear(token, from_token).squeeze(0)))
+        return token + self.norm_mlp(self.contract(hidden))
 
 
 class RayTransformer(nn.Module):

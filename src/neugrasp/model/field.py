@@ -74,10 +74,13 @@ class EncodedViews:
 
     def at_columns(self, columns: slice | Int[Tensor, " columns"]) -> PointSamples:
         """The scene at the voxel centres of some columns x r + y: rays that point upwards."""
-        centres = self.centres.unflatten(0, (-1, self.workspace.resolution))[columns]
-        places = torch.arange(len(self.centres), device=self.centres.device)
-        voxels = places.unflatten(0, (-1, self.workspace.resolution))[columns].flatten()
-        maps = self.voxels.select(voxels).read(self.maps)
+        edge = self.workspace.resolution
+        centres = self.centres.unflatten(0, (-1, edge))[columns]
+        if isinstance(columns, slice):
+            voxels: slice | Tensor = slice(columns.start * edge, columns.stop * edge)
+        else:
+            voxels = (columns.unsqueeze(1) * edge + torch.arange(edge, device=columns.device)).flatten()
+        maps = self.voxels.part(voxels).read(self.maps)
         return PointSamples(centres, maps, self.priors.values[voxels], self.seen[:, voxels])
 
 
@@ -94,8 +97,9 @@ def order_encoding(num: int, like: Float[Tensor, "*_"], dim: int = ORDER_DIM) ->
 
 def position_encoding(points: Float[Tensor, "points 3"]) -> Float[Tensor, "points 21"]:
     """Points in metres and the sines and cosines of 1, 2 and 4 times them."""
-    waves = [f(k * points) for k in POSITION_FREQUENCIES for f in (torch.sin, torch.cos)]
-    return torch.cat([points, *waves], dim=1)
+    turns = points.unsqueeze(1) * points.new_tensor(POSITION_FREQUENCIES).unsqueeze(1)
+    waves = torch.stack([turns.sin(), turns.cos()], dim=2)
+    return torch.cat([points, waves.flatten(1)], dim=1)
 
 
 def table_distance(heights: Float[Tensor, "*shape"], workspace: Workspace) -> Float[Tensor, "*shape"]:

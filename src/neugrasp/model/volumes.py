@@ -74,11 +74,14 @@ class VolumeNet(nn.Module):
 
         `voxels` (views, voxels) are the places of the voxels [x, y, z] in the maps.
         """
-        tables = [LookupTable.of_maps(one) for one in maps]
+        # A linear layer and an interpolation may change places, and pixels are fewer than voxels.
+        first, *others = self.reduce
+        rows = [first(one.movedim(1, -1)).flatten(0, 2).float() for one in maps]
+        tables, rest = [LookupTable.of(one) for one in rows], nn.Sequential(*others)
 
         def summaries(part: slice) -> tuple[Tensor, ...]:
             places = voxels.part(part)
-            features = [self.reduce(places.read(table)) for table in tables]
+            features = [rest(places.read(table)) for table in tables]
             return tuple(torch.cat(masked_mean_and_variance(one, seen[:, part]), -1) for one in features)
 
         num = seen.shape[1]
