@@ -6,9 +6,9 @@ import numpy as np
 from scipy import ndimage
 
 from neugrasp.geometry.camera import Camera
+from neugrasp.geometry.lens import Lens
 from neugrasp.geometry.pose import Array, apply, look_at
 from neugrasp.importers.board import Board
-from neugrasp.importers.distortion import Lens
 from neugrasp.importers.markers import picture_of
 
 DOTS_PER_METRE = 2000

@@ -16,10 +16,10 @@ from neugrasp import cli
 from neugrasp.data.scene_folder import read_scene
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
+from neugrasp.geometry.lens import Lens
 from neugrasp.geometry.pose import Array, inverse, rigid, rotation_about
 from neugrasp.importers.board import Board, Tag, Tags
 from neugrasp.importers.board_file import read_board
-from neugrasp.importers.distortion import Lens
 from neugrasp.observation import View, Views
 
 pytest.importorskip("cv2")

@@ -14,10 +14,10 @@ from scipy import ndimage
 
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
+from neugrasp.geometry.lens import Lens
 from neugrasp.geometry.pose import inverse, rigid
 from neugrasp.importers.board import FIRST_TAGS, Board, Charuco, Tag, Tags
 from neugrasp.importers.board_file import read_board
-from neugrasp.importers.distortion import Lens
 
 pytest.importorskip("cv2")
 

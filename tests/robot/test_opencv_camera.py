@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from neugrasp.importers.distortion import Lens
+from neugrasp.geometry.lens import Lens
 from neugrasp.robot.errors import CameraFault, ConnectionLost
 from neugrasp.robot.opencv_camera import OpenCvCamera
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from neugrasp.errors import InputError
-from neugrasp.importers.distortion import Lens
+from neugrasp.geometry.lens import Lens
 from neugrasp.robot.errors import CameraFault, ConnectionLost
 from neugrasp.robot.realsense import RealSense
 

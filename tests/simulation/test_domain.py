@@ -14,7 +14,7 @@ from neugrasp.evaluation.rounds import Rounds
 from neugrasp.geometry.pose import inverse
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.simulation.cell import sample_cell
-from neugrasp.simulation.domain import Domain, Lens, Sensor
+from neugrasp.simulation.domain import Domain, DomainLens, Sensor
 from neugrasp.simulation.domain_renderer import DomainRenderer, bent, sensed
 from neugrasp.simulation.lab import DOMAINS, LAB, domain_of
 from neugrasp.simulation.objects import ObjectLibrary
@@ -117,7 +117,7 @@ def test_the_same_scene_has_the_same_noise_and_another_scene_another(workspace: 
 
 
 def test_a_lens_shows_a_straight_ray_where_its_model_says(workspace: Workspace):
-    lens = Lens((455.7, 454.8), (321.5, 190.3), (640, 360), (0.05, -0.02), (0.002, -0.001))
+    lens = DomainLens((455.7, 454.8), (321.5, 190.3), (640, 360), (0.05, -0.02), (0.002, -0.001))
     camera = lens.seen_by(cell_of(domain_of("training"), workspace).cameras[0], workspace)
     column, row = 500, 290
     x, y = (column - 321.5) / 455.7, (row - 190.3) / 454.8

@@ -11,9 +11,9 @@ import numpy as np
 from neugrasp.data.photo_files import read_image
 from neugrasp.data.strict_json import read_object
 from neugrasp.errors import InputError
+from neugrasp.geometry.lens import Lens
 from neugrasp.geometry.pose import Array, apply, inverse
 from neugrasp.importers.board import Board
-from neugrasp.importers.distortion import Lens
 from neugrasp.importers.markers import Sighting, calibrate, find_board, other_markers
 from neugrasp.importers.photo_folder import PhotoFolder
 from neugrasp.importers.photos import Pair

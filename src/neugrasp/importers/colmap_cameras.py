@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from neugrasp.errors import InputError
-from neugrasp.importers.distortion import Lens, lens_from_corner
+from neugrasp.geometry.lens import Lens
+from neugrasp.importers.foreign_lens import lens_from_corner
 
 MODELS = {
     "SIMPLE_PINHOLE": 3,

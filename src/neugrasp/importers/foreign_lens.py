@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from neugrasp.data.bends import NO_PINHOLE, SHAPES
-from neugrasp.data.camera_checks import numbers
+from neugrasp.data.camera_checks import check_intrinsics, numbers
 from neugrasp.data.spelling import plain
 from neugrasp.errors import InputError
+from neugrasp.geometry.lens import Lens
 from neugrasp.geometry.pose import Array
-from neugrasp.importers.distortion import Lens, checked
 from neugrasp.importers.lens_keys import HIGHER, Entry, LensEntry, entry_of, is_other_lens, model_name
 
 Size = tuple[float, float]
@@ -227,3 +227,29 @@ def _listed_bends(entry: LensEntry) -> list[float]:
     if any(single) and not np.allclose(single, listed):
         raise InputError(f"{where}: says another distortion than k1, k2, ... beside it; keep one")
     return listed
+
+
+def lens_from_corner(
+    focal: tuple[float, float],
+    centre: tuple[float, float],
+    size: tuple[int, int],
+    where: str,
+    radial: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    tangential: tuple[float, float] = (0.0, 0.0),
+) -> Lens:
+    """A lens whose principal point counts from the upper left corner of the photo, as in COLMAP and
+    nerfstudio: the centre of the first pixel is (0.5, 0.5) there and (0, 0) here. Raises `InputError` naming
+    `where`."""
+    cx, cy = centre[0] - 0.5, centre[1] - 0.5
+    intrinsics = np.array([[focal[0], 0, cx], [0, focal[1], cy], [0, 0, 1.0]])
+    return checked(Lens(intrinsics, *size, radial, tangential), where)
+
+
+def checked(lens: Lens, where: str) -> Lens:
+    """The lens, if its numbers can be those of a camera. Raises `InputError` naming `where`."""
+    if min(lens.width, lens.height) < 1:
+        raise InputError(f"{where}: {lens.width} x {lens.height} is no size of a photo")
+    check_intrinsics(lens.intrinsics, lens.width, lens.height, where)
+    if not np.all(np.isfinite(lens.coefficients)):
+        raise InputError(f"{where}: the distortion contains NaN or infinity")
+    return lens

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from neugrasp.errors import InputError, require
+from neugrasp.geometry.lens import Lens
 from neugrasp.geometry.pose import Array, rigid
 from neugrasp.importers.board import Board, Charuco, Tag, Tags
 from neugrasp.importers.board_reasons import charuco_reason, missing_row, tags_reason
-from neugrasp.importers.distortion import Lens
 from neugrasp.importers.planar_fit import limit_of
 from neugrasp.importers.seen_markers import Seen, listed, named, once, straightened
 from neugrasp.observation import Image

@@ -12,9 +12,9 @@ import numpy as np
 from neugrasp.data.photo_files import OTHER_FOCAL, photo_tags, read_image
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
+from neugrasp.geometry.lens import Lens
 from neugrasp.geometry.pose import Array, rigid
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.importers.distortion import Lens
 from neugrasp.importers.photos import Pair, shortened
 from neugrasp.importers.resampling import (
     full_rectangle,

@@ -6,8 +6,8 @@ import numpy as np
 from scipy import ndimage
 
 from neugrasp.geometry.camera import Box
+from neugrasp.geometry.lens import Lens
 from neugrasp.geometry.pose import Array, inverse
-from neugrasp.importers.distortion import Lens
 from neugrasp.observation import Image
 
 SAME_PLACE = 0.05

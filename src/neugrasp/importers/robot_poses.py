@@ -30,8 +30,8 @@ from neugrasp.data.spelling import plain
 from neugrasp.data.strict_json import read_object
 from neugrasp.data.user_files import check_name, read_text
 from neugrasp.errors import InputError
+from neugrasp.geometry.lens import Lens
 from neugrasp.geometry.pose import Array, from_quaternion, inverse, rigid
-from neugrasp.importers.distortion import Lens
 from neugrasp.importers.files import pose_of
 from neugrasp.importers.foreign_lens import lens_of
 from neugrasp.importers.lens_keys import LENS_KEYS, check_lens_keys, is_lens_key

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from neugrasp.errors import InputError
+from neugrasp.geometry.lens import Lens
 from neugrasp.geometry.pose import Array
-from neugrasp.importers.distortion import Lens
 
 Seen = Mapping[int, Array]
 """Pixels (4, 2) of the corners of markers, by number."""

@@ -10,9 +10,9 @@ from itertools import combinations
 import numpy as np
 from scipy import ndimage
 
+from neugrasp.geometry.lens import Lens
 from neugrasp.geometry.pose import Array, apply, inverse
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.importers.distortion import Lens
 from neugrasp.importers.resampling import is_inside
 from neugrasp.observation import Image
 

@@ -28,7 +28,7 @@ class GroupNorm(nn.GroupNorm):
         return super().forward(x.contiguous()).contiguous(memory_format=last)
 
     def _rough_means(self, x: Tensor) -> Tensor:
-        """Means (b, channels, 1, ...) of the groups over every fourth pixel or voxel along the last two axes."""
+        """Means (b, channels, 1, ...) of the groups over every fourth place along the last two axes."""
         some = x[..., ::4, ::4]
         means = some.unflatten(1, (self.num_groups, -1)).flatten(2).mean(2)
         by_channel = means.repeat_interleave(x.shape[1] // self.num_groups, dim=1)

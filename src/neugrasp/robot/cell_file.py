@@ -16,11 +16,11 @@ from neugrasp.data.fields import Fields
 from neugrasp.data.user_files import read_text
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
+from neugrasp.geometry.lens import Lens
 from neugrasp.geometry.pose import Array, from_quaternion
 from neugrasp.geometry.view_sets import VIEW_SETS
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
-from neugrasp.importers.distortion import Lens
 from neugrasp.importers.resampling import full_rectangle, is_inside
 from neugrasp.robot.arm_model import ARMS, JOINTS, ArmModel, arm_model
 from neugrasp.robot.limits import Box, Limits

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from neugrasp.errors import require
-from neugrasp.importers.distortion import Lens
+from neugrasp.geometry.lens import Lens
 from neugrasp.observation import Image
 from neugrasp.robot.errors import CameraFault, ConnectionLost
 from neugrasp.robot.still_photo import still_photo

@@ -47,7 +47,7 @@ class Earlier:
 
 
 @dataclass(frozen=True)
-class Lens:
+class DomainLens:
     """The pinhole that the reader believes in, and what the glass does besides."""
 
     focal: tuple[float, float]
@@ -111,7 +111,7 @@ class Domain:
     name: str
     room: Room | None = None
     earlier: Earlier | None = None
-    lens: Lens | None = None
+    lens: DomainLens | None = None
     sensor: Sensor | None = None
     tone: str | None = None
     """The renderer's view transform, in place of plain sRGB."""

@@ -10,20 +10,19 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import UInt8
 from numpy.typing import NDArray
 from PIL import Image as Picture
 from scipy.ndimage import map_coordinates
 
 from neugrasp.data.world import Cell, Scene
 from neugrasp.geometry.camera import Camera
+from neugrasp.geometry.lens import Lens
 from neugrasp.simulation.cell_photos import SceneRenderer
-from neugrasp.simulation.domain import Domain, Lens, Sensor
+from neugrasp.simulation.domain import Domain, DomainLens, Sensor
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.renderer import Renderer, RenderSettings
 from neugrasp.srgb import displayed, linear
-
-ROUNDS_OF_INVERSION = 8
 
 
 @dataclass(frozen=True)
@@ -76,33 +75,16 @@ class DomainRenderer:
         return photo if self.domain.sensor is None else sensed(photo, self.domain.sensor, rng)
 
 
-def bent(photo: UInt8[np.ndarray, "h w 3"], camera: Camera, lens: Lens) -> UInt8[np.ndarray, "h w 3"]:
+def bent(photo: UInt8[np.ndarray, "h w 3"], camera: Camera, lens: DomainLens) -> UInt8[np.ndarray, "h w 3"]:
     """A pinhole's photo as the lens shows it."""
-    focal, centre = camera.intrinsics[[0, 1], [0, 1]], camera.intrinsics[:2, 2]
-    seen = (camera.pixel_grid() - centre) / focal
-    straight = seen
-    for _ in range(ROUNDS_OF_INVERSION):
-        straight = seen - _bend(straight, lens)
-    column, row = np.moveaxis(straight * focal + centre, -1, 0)
+    glass = Lens(camera.intrinsics, camera.width, camera.height, (*lens.radial, 0.0), lens.tangential)
+    straight = glass.ideal(camera.pixel_grid().reshape(-1, 2)).reshape(*photo.shape[:2], 2)
+    column, row = np.moveaxis(straight, -1, 0)
     channels = [
         map_coordinates(photo[..., channel].astype(np.float32), (row, column), order=1, mode="nearest")
         for channel in range(3)
     ]
     return np.stack(channels, axis=-1).round().astype(np.uint8)
-
-
-def _bend(points: Float[np.ndarray, "h w 2"], lens: Lens) -> Float[np.ndarray, "h w 2"]:
-    """By how much Brown's model moves points on the plane at distance 1."""
-    x, y = np.moveaxis(points, -1, 0)
-    (k1, k2), (p1, p2), r2 = lens.radial, lens.tangential, x**2 + y**2
-    radial = k1 * r2 + k2 * r2**2
-    return np.stack(
-        [
-            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2),
-            y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y,
-        ],
-        axis=-1,
-    )
 
 
 def sensed(

@@ -6,7 +6,7 @@ Nothing of it is drawn: two runs, and two detectors, meet the same lab.
 from __future__ import annotations
 
 from neugrasp.errors import InputError
-from neugrasp.simulation.domain import Domain, Earlier, HandEye, Lens, Room, Sensor
+from neugrasp.simulation.domain import Domain, DomainLens, Earlier, HandEye, Room, Sensor
 
 _LAMPS = [
     {
@@ -59,7 +59,7 @@ LAB = Domain(
         seed=90210,
     ),
     earlier=Earlier(turn=0.5, panorama=0.75, lamps=0.85),
-    lens=Lens(
+    lens=DomainLens(
         focal=(455.744, 454.798),
         principal_point=(321.525, 190.348),
         size=(640, 360),

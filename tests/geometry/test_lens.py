@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from neugrasp.errors import InputError
 from neugrasp.geometry.camera import Camera
+from neugrasp.geometry.lens import Lens
 from neugrasp.geometry.pose import look_at
-from neugrasp.importers.distortion import Lens, lens_from_corner
+from neugrasp.importers.foreign_lens import lens_from_corner
 from neugrasp.importers.resampling import full_rectangle, is_inside, resampled, seen_on_table
 
 INTRINSICS = np.array([[90.0, 0, 47.0], [0, 92.0, 33.5], [0, 0, 1]])
