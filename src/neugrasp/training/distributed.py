@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from statistics import fmean
 
 import torch
 import torch.distributed
@@ -32,6 +34,14 @@ class Ranks:
             return module
         # The head's stage leaves the rest of the network without gradients.
         return DistributedDataParallel(module, find_unused_parameters=True)
+
+    def mean(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Numbers by name, each the mean over the processes that have it; the same in all of them."""
+        every = [dict(values)] * self.count
+        if self.count > 1:
+            torch.distributed.all_gather_object(every, dict(values))
+        names = dict.fromkeys(itertools.chain(*every))
+        return {name: fmean(one[name] for one in every if name in one) for name in names}
 
     def agree(self, decided: bool) -> bool:
         """What the first process decided, in all of them."""

@@ -92,7 +92,7 @@ def follow(course: Course, start: int, last: int) -> None:
         if ranks.agree(early.is_over):
             return
         for step, batch in enumerate(loader(course.batches, start, last, course.loaders), start):
-            losses = _step(losses_of, learner, batch.to(ranks.device), config, step)
+            losses = _step(losses_of, learner, batch.to(ranks.device), config, step, ranks)
             done = step + 1
             ends = done == config.steps
             validates = course.judge is not None and (done % config.validate_every == 0 or ends)
@@ -128,9 +128,9 @@ def _one_thread(_worker: int) -> None:
 
 
 def _step(
-    losses_of: nn.Module, learner: TrainState[Any], batch: Any, config: Schedule, step: int
+    losses_of: nn.Module, learner: TrainState[Any], batch: Any, config: Schedule, step: int, ranks: Ranks
 ) -> dict[str, float]:
-    """One update; everything random in it follows from the seed and the step's number."""
+    """One update, and the losses of all ranks; everything random follows from the seed and the step."""
     for group in learner.optimizer.param_groups:
         group["lr"] = config.learning_rate_at(step)
     device = next(learner.model.parameters()).device
@@ -138,7 +138,8 @@ def _step(
     with torch.autocast(device.type, torch.bfloat16, enabled=reduced):
         losses = losses_of(batch, step)
     # One transfer, so that a device waits for the processor once in a step.
-    values = dict(zip(losses, torch.stack([*losses.values()]).detach().tolist(), strict=True))
+    own = dict(zip(losses, torch.stack([*losses.values()]).detach().tolist(), strict=True))
+    values = ranks.mean(own)  # before the check, so that all of them stop where one has no number
     if not np.isfinite(values["loss"]):
         raise NeuGraspError(f"step {step}: the loss is {values['loss']}; the last state before it is kept")
     losses["loss"].backward()
