@@ -80,6 +80,7 @@ def level(part: str) -> int:
     return levels[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))
 def test_imports_go_downwards(file: Path):
     if file == PACKAGE / "__init__.py":

@@ -64,6 +64,7 @@ def flat_table(monkeypatch: pytest.MonkeyPatch) -> FlatTable:
     return detector
 
 
+@pytest.mark.slow
 def test_predict_writes_its_four_files_and_says_where(
     scene_folder: Path, tmp_path: Path, flat_table: FlatTable, capsys: pytest.CaptureFixture[str]
 ):
@@ -84,6 +85,7 @@ def test_predict_writes_its_four_files_and_says_where(
     assert str(out / "overlay.png") in printed
 
 
+@pytest.mark.slow
 def test_predict_hands_the_threshold_to_the_detector(
     scene_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
@@ -105,6 +107,7 @@ def test_predict_hands_the_threshold_to_the_detector(
     assert not (tmp_path / "c").exists()
 
 
+@pytest.mark.slow
 def test_predict_says_why_there_are_no_grasps(
     scene_folder: Path, tmp_path: Path, flat_table: FlatTable, capsys: pytest.CaptureFixture[str]
 ):
@@ -124,6 +127,7 @@ def test_a_mistake_of_the_user_ends_with_2_and_one_line(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["doctor", "predict"])
 def test_a_name_cannot_steer_the_terminal(
     command: str, scene_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -140,6 +144,7 @@ def test_a_name_cannot_steer_the_terminal(
     assert r"\x1b[2J" in printed.out + printed.err
 
 
+@pytest.mark.slow
 def test_predict_tells_of_a_rotation_tag_as_the_doctor_does(
     scene_folder: Path, tmp_path: Path, flat_table: FlatTable, caplog: pytest.LogCaptureFixture
 ):
@@ -164,6 +169,7 @@ def full_disk() -> Iterator[None]:
     signal.signal(signal.SIGXFSZ, handler)
 
 
+@pytest.mark.slow
 def test_a_full_disk_leaves_nothing_half_written(
     scene_folder: Path,
     tmp_path: Path,
@@ -179,6 +185,7 @@ def test_a_full_disk_leaves_nothing_half_written(
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_out_may_not_be_a_file(
     scene_folder: Path, tmp_path: Path, flat_table: FlatTable, capsys: pytest.CaptureFixture[str]
 ):
@@ -188,6 +195,7 @@ def test_out_may_not_be_a_file(
     assert "out" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_an_interruption_ends_with_130(
     scene_folder: Path, tmp_path: Path, flat_table: FlatTable, monkeypatch: pytest.MonkeyPatch
 ):
@@ -199,12 +207,14 @@ def test_an_interruption_ends_with_130(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_weights_that_are_not_there(scene_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     arguments = ["predict", str(scene_folder), "--out", str(tmp_path / "out"), "--weights", "no.safetensors"]
     assert cli.main(arguments) == 2
     assert "no weights 'no.safetensors'" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_demo_prints_a_table_and_fills_a_folder_per_scene(
     scene_folder: Path,
     tmp_path: Path,

@@ -83,11 +83,13 @@ def test_they_are_numbered_without_a_gap() -> None:
     assert [file.name[:2] for file in EXAMPLES] == [f"{number:02d}" for number in range(len(EXAMPLES))]
 
 
+@pytest.mark.slow
 def test_hello_grasp(run: Run, ball: Path, weights: Path, tmp_path: Path) -> None:
     assert "grasps in" in run("00", "--scene", ball, "--weights", weights)
     assert varied(tmp_path / "outputs/hello/overlay.png")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     not list((ROOT / "src/neugrasp/weights").glob("*.safetensors"))
     or not list((ROOT / "src/neugrasp/demo/scenes").glob("*/scene.json")),
@@ -97,6 +99,7 @@ def test_hello_grasp_on_what_is_bundled(run: Run) -> None:
     assert "score 0." in run("00")
 
 
+@pytest.mark.slow
 def test_your_own_photos(run: Run, ball: Path, weights: Path, tmp_path: Path) -> None:
     assert "the scene is in" in run("01", "--source", ball, "--weights", weights)
     written, source = read_scene(tmp_path / "outputs/my_scene"), read_scene(ball)
@@ -108,6 +111,7 @@ def test_your_own_photos(run: Run, ball: Path, weights: Path, tmp_path: Path) ->
         assert np.allclose(view.camera.project(moved)[0], original.camera.project(point)[0], atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["packed", "single"])
 def test_make_a_scene(run: Run, kind: str, tmp_path: Path) -> None:
     assert "rebuilt exactly" in run("02", "--kind", kind)
@@ -132,18 +136,21 @@ def test_train_tiny(run: Run, ball: Path, tmp_path: Path, caplog: pytest.LogCapt
     assert (tmp_path / "outputs/tiny/weights.safetensors").is_file()
 
 
+@pytest.mark.slow
 def test_inspect_the_sdf(run: Run, ball: Path, weights: Path, tmp_path: Path) -> None:
     assert "for always +0" in run("05", "--scene", ball, "--weights", weights)
     assert varied(tmp_path / "outputs/sdf/cuts.png")
     assert varied(tmp_path / "outputs/sdf/surface.png")
 
 
+@pytest.mark.slow
 def test_try_a_grasp(run: Run) -> None:
     printed = run("06", "--num", 3)
     successes = int(printed.split("\nsuccess ")[1].split()[0])
     assert successes == printed.count(": success,") >= 1
 
 
+@pytest.mark.slow
 def test_your_own_detector(run: Run, ball: Path, tmp_path: Path) -> None:
     """Whatever the hull is, it holds the ball, and nothing far from it."""
     assert "1 grasp" in run("07", "--scene", ball)
@@ -155,6 +162,7 @@ def test_your_own_detector(run: Run, ball: Path, tmp_path: Path) -> None:
     assert varied(tmp_path / "outputs/hull/overlay.png")
 
 
+@pytest.mark.slow
 def test_your_own_gripper(run: Run, tmp_path: Path) -> None:
     panda, wide = run("08", "--tries", 3).split("wide opens")
     assert "0 grasps" in panda
@@ -162,6 +170,7 @@ def test_your_own_gripper(run: Run, tmp_path: Path) -> None:
     assert varied(tmp_path / "outputs/gripper/wide.png")
 
 
+@pytest.mark.slow
 def test_from_other_programs(run: Run, ball: Path, weights: Path, tmp_path: Path) -> None:
     printed = run("09", "--source", ball, "--weights", weights)
     count = int(printed.split()[0])
@@ -180,6 +189,7 @@ def test_ask_a_server(run: Run, ball: Path, weights: Path, tmp_path: Path) -> No
     assert (tmp_path / "outputs/asked/surface.ply").is_file()
 
 
+@pytest.mark.slow
 def test_examine_a_capture(run: Run) -> None:
     poses, background = run("10").split("A background shifted")
     assert "mended: the poses are the good ones again, to 0.0e+00" in poses

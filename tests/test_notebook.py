@@ -63,6 +63,7 @@ def test_grasps_are_listed_with_their_numbers(count: int, listed: int):
     assert "63,000 off the surface" in shown
 
 
+@pytest.mark.slow
 def test_a_surface_is_shown_with_its_grasps(ball_on_table: Callable[..., np.ndarray]):
     grid = ball_on_table((0.15, 0.15, 0.08), 0.03)
     assert replace(detection(1), tsdf=None)._repr_png_() is None

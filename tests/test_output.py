@@ -214,6 +214,7 @@ def test_whoever_finds_the_first_file_finds_its_companions(tmp_path: Path, monke
         assert "first.txt" not in found or set(found) == set(names)
 
 
+@pytest.mark.slow
 def test_what_an_earlier_run_wrote_more_is_gone_and_what_is_not_its_own_stays(
     tmp_path: Path, scene: Path, detector: FlatTable
 ):
@@ -269,6 +270,7 @@ def run_command(command: str, out: Path, scene: Path, grasps: Path) -> int:
     return results_page.main(words[1:]) if command == "results" else cli.main(words)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_one_file_is_written_whole_into_a_new_folder(command: str, tmp_path: Path, scene: Path, grasps: Path):
     assert run_command(command, tmp_path / "new" / "out", scene, grasps) == 0
@@ -276,6 +278,7 @@ def test_one_file_is_written_whole_into_a_new_folder(command: str, tmp_path: Pat
     assert file.stat().st_size > 50
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("kind", ["a folder", "below a file", "too long", "full disk"])
 def test_one_file_that_cannot_be_written_is_named_and_changes_nothing(
@@ -307,6 +310,7 @@ def test_one_file_that_cannot_be_written_is_named_and_changes_nothing(
     assert sorted(tmp_path.rglob("*")) == before
 
 
+@pytest.mark.slow
 def test_nothing_is_written_over_what_was_read(
     tmp_path: Path, scene: Path, grasps: Path, capsys: pytest.CaptureFixture[str]
 ):
@@ -338,6 +342,7 @@ def test_nothing_is_written_over_what_was_read(
         assert tree(tmp_path) == before, arguments
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["overlay.png", "surface.png", "slice.png"])
 def test_a_prediction_spares_photos_of_its_files_names(
     name: str, tmp_path: Path, scene: Path, detector: FlatTable, capsys: pytest.CaptureFixture[str]
@@ -402,6 +407,7 @@ def test_a_mistake_of_ours_is_not_the_doctor_s_red(
     assert "a mistake of ours" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_weights_that_lead_to_no_numbers_are_named(
     scene: Path,
     tmp_path: Path,
@@ -485,6 +491,7 @@ def test_the_package_loads_where_there_are_no_file_locks():
     assert b"no locks" in ended.stderr
 
 
+@pytest.mark.slow
 def test_grasps_of_another_hand_are_told_apart(grasps: Path, capfd: pytest.CaptureFixture[str]):
     """The TCPs stay where they are; the word is said on stderr."""
     ended = program("export", grasps, "--gripper", "robotiq_2f85")
@@ -504,6 +511,7 @@ def test_a_folder_of_a_prediction_is_exported_as_its_list(grasps: Path, capsys: 
     assert "grasps.json: missing" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_views_of_a_record_are_unchanged_by_a_prediction(scene: Path, detector: FlatTable):
     """A prediction into the folder of its own scene leaves the scene as it is."""
     before = tree(scene)

@@ -224,6 +224,7 @@ def test_a_slice_is_red_inside_and_blue_outside_with_z_up(
     assert np.abs(radii - RADIUS).max() < 0.004
 
 
+@pytest.mark.slow
 def test_sheets_hold_all_their_tiles(
     small_views: Views, workspace: Workspace, ball_on_table: Callable[..., np.ndarray]
 ):

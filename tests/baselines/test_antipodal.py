@@ -106,6 +106,7 @@ def test_one_generator_one_grasp() -> None:
     assert not np.allclose(first, other)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "distance",
     [
@@ -143,6 +144,7 @@ def block_world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
         yield world
 
 
+@pytest.mark.slow
 def test_nearly_all_of_them_hold_a_block(block_world: World) -> None:
     turned = (0.0, 0.0, float(np.sin(0.4)), float(np.cos(0.4)))
     block_world.reset(Scene("single", 0, (Body("folder", "block", 1.0, (0.15, 0.14, 0.091), turned),)))

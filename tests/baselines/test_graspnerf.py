@@ -62,6 +62,7 @@ def some_ends(seed: int, num: int) -> RayEnds:
         return RayEndDecoder(8)(3 * torch.randn(num, 8))
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**31), RAYS)
 def test_the_chance_that_a_ray_ends_somewhere_is_one(seed: int, num: int):
     """Far before and far beyond everything; between them it never falls."""
@@ -76,6 +77,7 @@ def test_the_chance_that_a_ray_ends_somewhere_is_one(seed: int, num: int):
     assert (before.diff(dim=0) >= -1e-6).all()
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**31), RAYS, st.floats(-1, 2), st.floats(0, 0.5))
 def test_no_ray_ends_where_it_does_not_come(seed: int, num: int, place: float, length: float):
     reached, hit = some_ends(seed, num).seen_and_hit(torch.full((num,), place), torch.full((num,), length))
@@ -90,6 +92,7 @@ def test_the_mean_is_where_half_the_rays_of_one_logistic_end():
     assert ends.before(ends.mean).item() == pytest.approx(0.5)
 
 
+@pytest.mark.slow
 def test_inverse_depth_runs_from_nearest_to_farthest():
     depths = torch.tensor([0.2, 0.32, 0.8])
     places = scaled_inverse(depths, 0.2, 0.8)
@@ -119,6 +122,7 @@ def test_samples_that_are_not_told_hear_nothing_of_the_others():
     assert not torch.allclose(before[:, 1], after[:, 1])
 
 
+@pytest.mark.slow
 @torch.no_grad()
 def test_the_order_of_the_views_does_not_matter(network: GraspNerf, sample: Sample):
     turned = drop_views(sample.inputs, [2, 0, 3, 1])
@@ -126,6 +130,7 @@ def test_the_order_of_the_views_does_not_matter(network: GraspNerf, sample: Samp
     torch.testing.assert_close(one, other, atol=1e-4, rtol=1e-4)
 
 
+@pytest.mark.slow
 @torch.no_grad()
 def test_it_sees_no_backgrounds(network: GraspNerf, sample: Sample):
     views = sample.inputs.views
@@ -133,6 +138,7 @@ def test_it_sees_no_backgrounds(network: GraspNerf, sample: Sample):
     assert torch.equal(network(views)[0].sdf, network(blind)[0].sdf)
 
 
+@pytest.mark.slow
 @torch.no_grad()
 def test_a_window_is_a_part_of_the_grid(network: GraspNerf, sample: Sample):
     scene = network.encode(sample.inputs.views)
@@ -181,6 +187,7 @@ def test_true_depths_agree_with_the_cameras(sample: Sample):
         assert photos.depths[view, row, column].item() == pytest.approx(depths[view].item(), abs=0.01)
 
 
+@pytest.mark.slow
 def test_nothing_that_knows_geometry_is_asked_without_tsdf(network: GraspNerf, sample: Sample):
     """Neither depth nor TSDF of the scene move the loss."""
     config = tiny_without()
@@ -194,6 +201,7 @@ def test_nothing_that_knows_geometry_is_asked_without_tsdf(network: GraspNerf, s
     assert torch.equal(first["loss"], second["loss"])
 
 
+@pytest.mark.slow
 def test_losses_in_bfloat16_are_nearly_the_same(network: GraspNerf, sample: Sample):
     """Geometry, distributions and opacity stay float32."""
     config = replace(tiny(), weights=replace(tiny().weights, rehearsal=0.0))
@@ -212,6 +220,7 @@ def test_losses_in_bfloat16_are_nearly_the_same(network: GraspNerf, sample: Samp
     assert all(torch.isfinite(gradient).all() for gradient in gradients)
 
 
+@pytest.mark.slow
 def test_the_originals_widths_run():
     """The original's reconstruction has 4.34 million weights; ours is made of the project's blocks."""
     config = paper().model

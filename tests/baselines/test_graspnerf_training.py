@@ -107,6 +107,7 @@ def test_it_goes_on_from_its_own_weights_or_from_a_head(data: Path, weights: Pat
     assert all(torch.equal(taken[key], given[key].float()) for key in given if key.startswith("head."))
 
 
+@pytest.mark.slow
 def test_weights_are_shipped_in_half_the_size(weights: Path, tmp_path: Path):
     shipped = tmp_path / "shipped.safetensors"
     assert ship_checkpoint(weights, shipped, 0.7) == {"recipe": "graspnerf-tsdf", "threshold": 0.7}
@@ -149,6 +150,7 @@ def test_each_plays_a_round(name: str, weights: Path, tmp_path: Path, scene_rend
     assert told["trained"] == {"recipe": name}
 
 
+@pytest.mark.slow
 def test_the_same_photos_with_and_without_backgrounds(weights: Path, small_views: Views):
     detector = WITH_TSDF.load(DetectorOptions(weights=str(weights)))
     bare = Observation([Frame(view.camera, view.image) for view in small_views.frames], small_views.workspace)
@@ -157,6 +159,7 @@ def test_the_same_photos_with_and_without_backgrounds(weights: Path, small_views
     assert first.threshold == 0.3
 
 
+@pytest.mark.slow
 def test_what_a_user_may_get_wrong(weights: Path, small_views: Views, tmp_path: Path):
     detector = WITH_TSDF.load(DetectorOptions(weights=str(weights)))
     assert isinstance(detector, GraspNerfDetector)

@@ -65,6 +65,7 @@ def test_a_hash_grid_is_linear_along_an_axis_inside_a_cell():
     torch.testing.assert_close(middle, (low + high) / 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("log2_entries", [5, 12])
 def test_what_tables_learn_is_what_automatic_differentiation_finds(log2_entries: int):
     made, points = grid(log2_entries=log2_entries), torch.rand(50, 3, dtype=torch.float64)
@@ -132,6 +133,7 @@ def test_harmonics_are_orthonormal():
     assert (gram - torch.eye(16)).abs().max() < 0.05
 
 
+@pytest.mark.slow
 def test_a_scene_of_exact_depth_is_learned_to_a_few_millimetres():
     seen = seen_of()
     field = fitted(pixels_of(seen), seen.workspace, QUICK, CPU, seed=0)
@@ -143,6 +145,7 @@ def test_a_scene_of_exact_depth_is_learned_to_a_few_millimetres():
     assert np.median(np.abs(depth - frame.depth)[known]) < 0.003
 
 
+@pytest.mark.slow
 def test_a_field_that_learned_nothing_is_one_clear_error():
     seen = seen_of(32)
     with pytest.raises(Diverged, match="misses the given one by"):
@@ -159,6 +162,7 @@ class Remembers:
         return Detection(Grasps.of(()), seen.workspace, Gripper.load("panda"), timing_s={"fuse": 1.0})
 
 
+@pytest.mark.slow
 def test_vgn_gets_rendered_depth_where_the_user_has_the_table():
     seen = seen_of()
     placed = from_rotation_vector((0.1, 0.2, 0.3), (1.0, 2.0, 3.0))

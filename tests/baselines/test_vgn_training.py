@@ -85,6 +85,7 @@ def test_views_of_vgns_training_look_at_the_floor_from_above():
     assert counts == {1, 2, 3, 4, 5, 6}
 
 
+@pytest.mark.slow
 def test_fused_grids_are_those_of_vgn_and_kept_with_the_record(data: Path):
     record = read_record(data / "scenes" / "ball-0")
     assert record.fused is not None

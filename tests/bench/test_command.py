@@ -76,6 +76,7 @@ def _check_table(printed: str, report: dict, file: Path) -> None:
     assert lines[-2:] == [str(file), "next: docs/bench.md says what the columns mean"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_tiny")
 def test_one_part_on_one_thread():
     torch.set_num_threads(before := torch.get_num_threads())

@@ -107,6 +107,7 @@ def check_found(detection: Detection) -> None:
     assert detection.gripper.name == "panda"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("standing", [[(200, answer())]], indirect=True)
 def test_a_scene_on_disk_and_one_in_memory_come_back_as_detections(standing: Standing, scene: Path):
     with Client(standing.url, token="a-token-of-16-or-more") as client:
@@ -125,6 +126,7 @@ def test_a_scene_on_disk_and_one_in_memory_come_back_as_detections(standing: Sta
     assert photos.count(b"\x89PNG") == 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("standing", [[(429, {}), (503, {}), (200, answer())]], indirect=True)
 def test_a_busy_server_is_asked_again(standing: Standing, scene: Path):
     with Client(standing.url) as client:
@@ -132,6 +134,7 @@ def test_a_busy_server_is_asked_again(standing: Standing, scene: Path):
     assert len(standing.asked) == 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("standing", [[(429, {"detail": "full"})]], indirect=True)
 def test_but_not_for_ever(standing: Standing, scene: Path):
     with Client(standing.url, tries=3) as client, pytest.raises(ServerError, match="full"):
@@ -139,6 +142,7 @@ def test_but_not_for_ever(standing: Standing, scene: Path):
     assert len(standing.asked) == 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("standing", [[(503, {}), (200, answer()), (200, answer())]], indirect=True)
 def test_the_same_for_who_waits_for_many_things(standing: Standing, scene: Path):
     async def both() -> list[Detection]:
@@ -151,6 +155,7 @@ def test_the_same_for_who_waits_for_many_things(standing: Standing, scene: Path)
     assert len(standing.asked) == 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("standing", "kind", "words"),
     [
@@ -193,6 +198,7 @@ def test_it_needs_no_torch():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("standing", [[(200, answer())]], indirect=True)
 def test_predict_asks_a_server(standing: Standing, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     write_scene(tmp_path / "scene", ball_record(size=256).views())

@@ -130,6 +130,7 @@ def test_what_is_no_photo_is_named(tmp_path: Path):
                 read(tmp_path / name, "view 0")
 
 
+@pytest.mark.slow
 def test_damaged_tags_are_no_tags(tmp_path: Path):
     """Not a word of Pillow's, whatever the bytes of the tags are."""
     tags = Picture.Exif()

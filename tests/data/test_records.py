@@ -39,6 +39,7 @@ def record() -> Record:
     return found[0]
 
 
+@pytest.mark.slow
 @FEW
 @given(records() | records_without_photos())
 def test_a_record_comes_back_as_it_was(record: Record) -> None:
@@ -49,6 +50,7 @@ def test_a_record_comes_back_as_it_was(record: Record) -> None:
         assert [entry.name for entry in Path(folder).iterdir()] == [record.name]
 
 
+@pytest.mark.slow
 @settings(FEW, max_examples=5)
 @given(records())
 def test_the_same_record_gives_the_same_bytes(record: Record) -> None:

@@ -47,6 +47,7 @@ def test_what_is_written_is_read(scene_folder: Path, small_views: Views):
     assert read_scene(scene_folder / "scene.json").frames[0].name == "images/0.png"
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(
     st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1),

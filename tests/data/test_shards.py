@@ -50,6 +50,7 @@ def packed(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @FEW
 @given(st.lists(records() | records_without_photos(), min_size=1, max_size=3))
 def test_records_come_back_from_shards_as_they_were(examples: list[Record]) -> None:
@@ -64,6 +65,7 @@ def test_records_come_back_from_shards_as_they_were(examples: list[Record]) -> N
             assert_same(got, record)
 
 
+@pytest.mark.slow
 def test_shards_keep_to_their_limit_and_lose_nothing(source: Path, tmp_path: Path) -> None:
     pack([source], tmp_path / "one")
     limit = (tmp_path / "one" / "shard_0000.zip").stat().st_size // 2
@@ -77,6 +79,7 @@ def test_shards_keep_to_their_limit_and_lose_nothing(source: Path, tmp_path: Pat
         assert_same(a, b)
 
 
+@pytest.mark.slow
 def test_packing_twice_gives_the_same_bytes_and_removes_what_is_stale(source: Path, tmp_path: Path) -> None:
     for name in ("a", "b"):
         pack([source], tmp_path / name, limit=200_000)
@@ -103,6 +106,7 @@ def test_a_shared_background_is_stored_once(source: Path, tmp_path: Path) -> Non
     assert sizes[1] < 2 * sizes[0] - images // 2
 
 
+@pytest.mark.slow
 def test_access_is_random_and_survives_a_pickle(source: Path, tmp_path: Path) -> None:
     pack([source], tmp_path)
     shards = pickle.loads(pickle.dumps(Shards(tmp_path)))
@@ -130,6 +134,7 @@ def test_a_flipped_bit_is_an_error_or_harmless(
             assert_same(Shards(folder)[index], record)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", ["missing", "cut", "garbage"])
 def test_a_damaged_shard_is_named_with_what_to_do(damage: str, source: Path, tmp_path: Path) -> None:
     pack([source], tmp_path)

@@ -48,6 +48,7 @@ def told(trials: Trials) -> list[tuple[object, ...]]:
     ]
 
 
+@pytest.mark.slow
 @FEW
 @given(tables())
 def test_trials_come_back_as_they_were_and_give_the_same_bytes(trials: Trials) -> None:

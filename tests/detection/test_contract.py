@@ -45,6 +45,7 @@ def ball() -> np.ndarray:
     return (distance / WORKSPACE.truncation).clip(-1, 1).astype(np.float32)
 
 
+@pytest.mark.slow
 @given(st.lists(grasps, max_size=5))
 def test_arrays_iterate_as_grasps(each: list[Grasp]):
     arrays = Grasps.of(each)
@@ -67,6 +68,7 @@ def test_arrays_that_do_not_fit_are_refused():
         found(tsdf=np.zeros((8, 8, 8), np.float32))
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(st.lists(grasps, max_size=3), st.booleans())
 def test_plain_data_restores_it(each: list[Grasp], with_surface: bool):
@@ -115,6 +117,7 @@ def test_damaged_data_is_refused_by_field(change: dict[str, object], words: str)
         Detection.from_dict(found(tsdf=ball()).to_dict(True) | change, "an answer")
 
 
+@pytest.mark.slow
 def test_saved_files_are_read_by_the_others(tmp_path: Path, small_views: Views):
     grasp = Grasp(from_quaternion((1, 0, 0, 0), (1.0, -2.0, 0.5)), 0.04, 0.9)
     found(grasp, tsdf=ball()).save(tmp_path / "out", small_views)

@@ -37,6 +37,7 @@ def prediction(peaks: dict[tuple[int, int, int], float], width: float = 5.0) -> 
     return Prediction(tsdf, quality, np.full((40, 40, 40), width, dtype=np.float32), stored(rotation))
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(
     st.tuples(*[st.integers(0, 39)] * 3),
@@ -64,6 +65,7 @@ def test_the_tcp_lies_ahead_of_the_voxel_along_the_approach():
     assert best.width == pytest.approx(5 * workspace.voxel_size)
 
 
+@pytest.mark.slow
 def test_the_border_of_the_cube_costs_no_score():
     """The smoothing repeats the border; with zeros beyond it, half of a score there would be lost."""
     flat = prediction({})

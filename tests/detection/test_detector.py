@@ -35,6 +35,7 @@ def fresh(detector: NeuGraspDetector, views: Views) -> np.ndarray:
     return NeuGraspDetector(detector.model, detector.gripper).detect(views).tsdf
 
 
+@pytest.mark.slow
 def test_a_second_cell_is_not_taken_for_the_first(detector: NeuGraspDetector, small_views: Views):
     other = with_other_backgrounds(small_views)
     expected = {id(views): fresh(detector, views) for views in (small_views, other)}
@@ -43,6 +44,7 @@ def test_a_second_cell_is_not_taken_for_the_first(detector: NeuGraspDetector, sm
         np.testing.assert_array_equal(detector.detect(views).tsdf, expected[id(views)])
 
 
+@pytest.mark.slow
 def test_backgrounds_seen_before_are_not_encoded_again(
     detector: NeuGraspDetector, small_views: Views, monkeypatch: pytest.MonkeyPatch
 ):
@@ -55,6 +57,7 @@ def test_backgrounds_seen_before_are_not_encoded_again(
     assert (first, len(calls)) == (2, 3)
 
 
+@pytest.mark.slow
 def test_two_threads_at_two_cells(detector: NeuGraspDetector, small_views: Views):
     cells = [small_views, with_other_backgrounds(small_views)]
     expected = [fresh(detector, views) for views in cells]
@@ -67,6 +70,7 @@ def test_two_threads_at_two_cells(detector: NeuGraspDetector, small_views: Views
         assert pool.submit(torch.get_num_threads).result() == threads
 
 
+@pytest.mark.slow
 def test_the_cache_is_exchanged_as_a_whole(detector: NeuGraspDetector, small_views: Views, monkeypatch):
     """Another thread comes to another cell while this one encodes its own backgrounds."""
     other = with_other_backgrounds(small_views)
@@ -93,6 +97,7 @@ def test_another_cube_is_refused(detector: NeuGraspDetector, small_views: Views,
         detector.detect(other)
 
 
+@pytest.mark.slow
 def test_a_cube_elsewhere_in_the_world_is_the_same_cube(detector: NeuGraspDetector, small_views: Views):
     place = np.eye(4)
     place[:3, 3] = 1.0, -2.0, 0.5

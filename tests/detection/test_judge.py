@@ -53,6 +53,7 @@ def test_grasps_are_spread_over_objects():
         assert min(np.linalg.norm(grasp.position - centre) for grasp in chosen.grasps) < 0.012
 
 
+@pytest.mark.slow
 def test_the_same_grid_gives_the_same_grasps():
     one, again = (Judge(Deep(), GRIPPER).find(grid_of(CENTRE), WORKSPACE) for _ in range(2))
     assert [grasp.pose.tolist() for grasp in one.grasps] == [grasp.pose.tolist() for grasp in again.grasps]

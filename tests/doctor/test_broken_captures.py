@@ -91,12 +91,14 @@ def clinic(good: Views, tmp_path_factory: pytest.TempPathFactory) -> Clinic:
     return Clinic(good, folder)
 
 
+@pytest.mark.slow
 def test_the_good_capture_is_green(clinic: Clinic):
     for diagnosis in (examine(Capture.of(clinic.good)), examine_folder(clinic.folder / "good")):
         assert diagnosis.level == Level.GREEN, diagnosis.lines(Level.YELLOW)
         assert not diagnosis.is_mended
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", marked([*CASES, *FOLDER_CASES]), ids=lambda case: case.what)
 def test_every_broken_capture_gets_its_diagnosis(clinic: Clinic, case: Case | FolderCase):
     finding = clinic.finding(case)
@@ -128,6 +130,7 @@ AT_FIRST_SIGHT = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", AT_FIRST_SIGHT)
 def test_what_makes_grasps_fail_is_red_before_a_prediction_too(clinic: Clinic, tmp_path: Path, what: str):
     case = named(what)
@@ -174,6 +177,7 @@ BY_NAME = marked(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", BY_COMMAND, ids=lambda case: case.what)
 def test_the_command_writes_a_corrected_copy_that_is_green(
     clinic: Clinic, tmp_path: Path, case: Case, capsys: pytest.CaptureFixture[str]
@@ -188,6 +192,7 @@ def test_the_command_writes_a_corrected_copy_that_is_green(
     assert (bad / "scene.json").read_text() == written
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", BY_NAME, ids=lambda case: case.what)
 def test_the_corrected_copy_of_a_capture_is_the_good_scene(clinic: Clinic, tmp_path: Path, case: Case):
     write_scene(tmp_path / "bad", case.spoil(clinic.good))
@@ -196,6 +201,7 @@ def test_the_corrected_copy_of_a_capture_is_the_good_scene(clinic: Clinic, tmp_p
     assert_same(read_scene(tmp_path / "fixed"), clinic.good)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "case", [case for case in FOLDER_CASES if case.is_mendable], ids=lambda case: case.what
 )
@@ -205,6 +211,7 @@ def test_the_corrected_copy_of_a_folder_is_the_good_scene(clinic: Clinic, tmp_pa
     assert_same(read_scene(tmp_path / "fixed"), clinic.good)
 
 
+@pytest.mark.slow
 def test_nothing_is_written_where_nothing_is_certain(clinic: Clinic, tmp_path: Path):
     good = clinic.folder / "good"
     with pytest.raises(InputError, match="nothing was found that can be corrected with certainty"):
@@ -215,6 +222,7 @@ def test_nothing_is_written_where_nothing_is_certain(clinic: Clinic, tmp_path: P
     assert not (tmp_path / "fixed").exists()
 
 
+@pytest.mark.slow
 def test_a_folder_in_use_is_not_written_into(clinic: Clinic, tmp_path: Path):
     (case,) = [case for case in FOLDER_CASES if case.what == "poses transposed"]
     (tmp_path / "mine.txt").write_text("mine")
@@ -223,6 +231,7 @@ def test_a_folder_in_use_is_not_written_into(clinic: Clinic, tmp_path: Path):
     assert [file.name for file in tmp_path.iterdir()] == ["mine.txt"]
 
 
+@pytest.mark.slow
 def test_photos_named_as_windows_does_are_copied(clinic: Clinic, tmp_path: Path):
     """With backslashes, and with folders in folders."""
     (case,) = [case for case in FOLDER_CASES if case.what == "poses transposed"]
@@ -242,6 +251,7 @@ def test_photos_named_as_windows_does_are_copied(clinic: Clinic, tmp_path: Path)
     assert not [path for path in (tmp_path / "fixed").iterdir() if "\\" in path.name]
 
 
+@pytest.mark.slow
 def test_an_inverted_workspace_is_found_and_mended(good: Views):
     """In a world of its own: `good` has the cube at the origin, where the inverse is the same."""
     new_from_old = from_quaternion((0.1, -0.2, 0.6, 0.7), (0.4, -0.3, 0.8))

@@ -29,6 +29,7 @@ def without_objects(views: Views) -> Views:
     return replace(views, frames=tuple(replace(view, image=view.background) for view in views.frames))
 
 
+@pytest.mark.slow
 def test_what_is_known_of_the_table_before_there_are_photos_changes_no_finding():
     views = read_scene(FIRST.folder)
     first, second, *others = views.frames

@@ -51,6 +51,7 @@ def test_pictures_of_different_things_agree_about_no_shift(crop: TableCrop, rng:
     assert shift_between(plain, plain + rng.normal(0, 0.003, plain.shape)).agreement < 0.5
 
 
+@pytest.mark.slow
 @few
 @given(st.tuples(*[st.floats(0.6, 1.6)] * 3))
 def test_exposure_and_white_balance_are_the_gains_of_the_channels(
@@ -110,6 +111,7 @@ def test_the_diagnosis_does_not_depend_on_the_users_world(
     assert here.level == Level.RED
 
 
+@pytest.mark.slow
 def test_the_order_of_the_views_changes_no_verdict(good: Views):
     turned = examine(Capture.of(replace(good, frames=good.frames[::-1])))
     assert turned.level == Level.GREEN
@@ -117,6 +119,7 @@ def test_the_order_of_the_views_changes_no_verdict(good: Views):
     assert [f.item for f in turned.findings] == [f.item for f in straight.findings]
 
 
+@pytest.mark.slow
 def test_long_shadows_of_a_low_lamp_are_no_change_around_the_cube_and_a_hand_there_is_one(good: Views):
     """The shadows reach out of the photo; a dark hand beside the cube stays seen, also in their light."""
 

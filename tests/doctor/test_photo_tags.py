@@ -53,6 +53,7 @@ def findings(scene: Path) -> list[Finding]:
     return thorough
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("value", sorted(AS_STORED))
 def test_turned_and_mirrored_photos_are_named_with_how_they_lie(scene: Path, value: int):
     tag(scene / "images/1.png", {}, orientation=value)
@@ -61,6 +62,7 @@ def test_turned_and_mirrored_photos_are_named_with_how_they_lie(scene: Path, val
     assert finding.measured == f"EXIF orientation is not 1: images/1.png is stored {AS_STORED[value]}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.5, 0.75, 1.4, 2.0, 5.0])
 def test_another_focal_length_than_that_of_the_intrinsics_is_named(scene: Path, film: float, factor: float):
     for file in everywhere(scene):
@@ -71,6 +73,7 @@ def test_another_focal_length_than_that_of_the_intrinsics_is_named(scene: Path, 
     assert f"{measured:.2f} times the focal length in scene.json" in finding.measured
 
 
+@pytest.mark.slow
 def test_a_phone_that_changed_its_lens_between_photo_and_background(scene: Path, film: float):
     """Neither is far from the intrinsics, which lie between the two."""
     tag(scene / "images/0.png", {0xA405: round(0.85 * film)})
@@ -81,6 +84,7 @@ def test_a_phone_that_changed_its_lens_between_photo_and_background(scene: Path,
     assert "backgrounds/0.png at" in finding.measured
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "details",
     [

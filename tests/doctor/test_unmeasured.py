@@ -47,6 +47,7 @@ def problems_of(diagnosis: Diagnosis, level: Level) -> set[str]:
     return {f.problem.name for f in diagnosis.findings if f.level == level and f.problem}
 
 
+@pytest.mark.slow
 def test_a_plain_table_is_green_but_its_poses_are_unchecked(plain: Views, good: Views):
     diagnosis = examine(Capture.of(plain))
     assert diagnosis.level == Level.GREEN, diagnosis.lines(Level.YELLOW)
@@ -59,6 +60,7 @@ def test_a_plain_table_is_green_but_its_poses_are_unchecked(plain: Views, good: 
     assert one.endswith(unseen)
 
 
+@pytest.mark.slow
 def test_nothing_in_photos_tells_the_scale_and_the_verdict_says_so(good: Views):
     """A world of 105 %: the same photos, the same findings."""
     larger = tuple(replace(view, camera=_grown(view.camera)) for view in good.frames)
@@ -79,6 +81,7 @@ def _corner(views: Views) -> np.ndarray:
     return cube.world_from_workspace[:3, 3] + 0.05 * cube.to_world(cube.centre)
 
 
+@pytest.mark.slow
 def test_silhouettes_tell_wrong_poses_on_a_plain_table_and_keep_quiet_about_good_ones(plain: Views):
     measured = [f for f in examine(Capture.of(plain)).findings if f.item == "silhouettes"]
     assert [f.level for f in measured] == [Level.GREEN]
@@ -86,6 +89,7 @@ def test_silhouettes_tell_wrong_poses_on_a_plain_table_and_keep_quiet_about_good
     assert SILHOUETTES.name in problems_of(examine(Capture.of(wrong)), Level.RED)
 
 
+@pytest.mark.slow
 def test_silhouettes_say_nothing_where_more_than_objects_has_changed(plain: Views):
     warm = np.array([1.3, 1.0, 0.75])
     views = each(lambda v: replace(v, image=(v.image * warm).clip(0, 255).astype(np.uint8)))(plain)
@@ -123,12 +127,14 @@ def cut_out(view: View) -> View:
     return replace(view, image=np.where(differs, view.image, 0).astype(np.uint8))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spoil", [other_table, blank, cut_out])
 @pytest.mark.parametrize("only", [(0, 1, 2, 3), (1,)], ids=["all views", "one of four"])
 def test_backgrounds_of_nowhere_are_red(good: Views, spoil: Callable[[View], View], only: tuple[int, ...]):
     assert examine(Capture.of(each(spoil, only)(good))).level == Level.RED
 
 
+@pytest.mark.slow
 def test_a_background_of_another_table_is_not_taken_for_that_of_another_view():
     good, other = bundled("packed_transparent"), bundled("pile_specular")
     views = list(good.frames)
@@ -148,6 +154,7 @@ def bundled(name: str) -> Views:
     return read_scene(scene.folder)
 
 
+@pytest.mark.slow
 def test_backgrounds_of_other_views_are_found_on_a_plain_table():
     good = bundled("packed_transparent")
     turned_round = tuple(
@@ -172,6 +179,7 @@ def test_a_cube_too_high_is_lowered_and_images_are_not_exchanged():
     assert place == pytest.approx(good.workspace.world_from_workspace, abs=0.002)
 
 
+@pytest.mark.slow
 def test_a_correction_that_is_no_better_is_not_written(good: Views, tmp_path: Path):
     write_scene(tmp_path / "bad", good)
     diagnosis = examine(Capture.of(cube(lambda p: p @ rigid(translation=(0, 0, 0.05)))(good)))
@@ -181,6 +189,7 @@ def test_a_correction_that_is_no_better_is_not_written(good: Views, tmp_path: Pa
     assert not (tmp_path / "fixed").exists()
 
 
+@pytest.mark.slow
 def test_a_glance_reads_rotation_tags_and_sees_a_table_that_is_not_there(good: Views, tmp_path: Path):
     write_scene(tmp_path / "scene", good)
     assert examine_read(read_scene(tmp_path / "scene")).level == Level.GREEN
@@ -194,6 +203,7 @@ def test_a_glance_reads_rotation_tags_and_sees_a_table_that_is_not_there(good: V
     assert TABLE_HEIGHT.name in problems_of(examine_read(raised), Level.RED)
 
 
+@pytest.mark.slow
 def test_exchanged_views_are_seen_at_first_sight_however_small_the_object(monkeypatch: pytest.MonkeyPatch):
     radius = 0.012
     monkeypatch.setattr(ray_traced, "BALL", (np.array([0.12, 0.16, 0.05 + radius]), radius))

@@ -38,6 +38,7 @@ def test_an_evaluation_does_not_differ_from_itself(tmp_path: Path, rng: np.rando
         assert result[name]["p"] == 1
 
 
+@pytest.mark.slow
 def test_a_large_difference_is_no_chance(tmp_path: Path, rng: np.random.Generator):
     a = evaluation(tmp_path / "a", outcomes(rng, 0.3, 40))
     b = evaluation(tmp_path / "b", outcomes(rng, 0.8, 40))
@@ -50,6 +51,7 @@ def test_a_large_difference_is_no_chance(tmp_path: Path, rng: np.random.Generato
     assert "+" in comparison_table(result)
 
 
+@pytest.mark.slow
 def test_p_is_uniform_where_there_is_no_difference(tmp_path: Path):
     """Of forty pairs of equals, about four have p < 0.1."""
     rng, found = np.random.default_rng(3), []

@@ -190,6 +190,7 @@ def shown(world: World, *bodies: Any) -> Spy:
     return spy
 
 
+@pytest.mark.slow
 def test_scenes_that_look_alike_are_the_same_to_the_last_byte_for_a_detector(world: World):
     """Whatever it is handed follows from photos and cameras; the truth is judged beside it all the while."""
     one, three = shown(world, THREE[0]), shown(world, *THREE)
@@ -231,6 +232,7 @@ def test_depth_cameras_measure_the_table(world: World):
     assert robot.count() == 1
 
 
+@pytest.mark.slow
 def test_constant_predictors_come_out_as_measured_elsewhere(world: World):
     """Bounds measured with an independent fusion of a table with five boxes."""
     five = (*THREE, box(0.08, 0.2), box(0.22, 0.2))
@@ -248,6 +250,7 @@ def test_constant_predictors_come_out_as_measured_elsewhere(world: World):
     assert error.l1 == error.constants["+1"]
 
 
+@pytest.mark.slow
 def test_the_true_surface_has_no_error(world: World):
     from neugrasp.geometry.fusion import vgn_grid
 

@@ -62,6 +62,7 @@ def test_it_plays_a_round_and_says_what_it_asked(evaluator, tmp_path):
     assert "--evaluator young.safetensors" in metrics["command"]
 
 
+@pytest.mark.slow
 def test_photos_are_judged_by_it(evaluator):
     views = read_scene(demo_scenes()[0].folder)
     detector = NeuGraspDetector.load(evaluator=evaluator)
@@ -86,6 +87,7 @@ def test_it_refuses_what_it_was_not_made_for(evaluator, tmp_path):
         NeuGraspDetector.load(evaluator=other)
 
 
+@pytest.mark.slow
 def test_predict_asks_the_bundled_one(tmp_path):
     run = Predict(scene=demo_scenes()[0].folder, out=tmp_path / "out", detector=ON_PHOTOS)
     assert "grasps, the best with score" in predict(run)

@@ -108,6 +108,7 @@ def attempts_in(out: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in (out / "attempts.jsonl").read_text().splitlines()]
 
 
+@pytest.mark.slow
 def test_every_record_is_tried_once_by_every_detector(run: OneShot, summary: dict[str, Any]) -> None:
     attempts = attempts_in(run.out)
     tried = [(attempt["record"], attempt["detector"]) for attempt in attempts]
@@ -193,6 +194,7 @@ def test_records_of_one_name_are_refused(run: OneShot, data: Path, tmp_path: Pat
         run_one_shot(replace(run, data=(data, data), out=tmp_path))
 
 
+@pytest.mark.slow
 def test_labels_that_all_failed_have_no_auc(
     make_record: Callable[..., Record], run: OneShot, data: Path, tmp_path: Path
 ) -> None:
@@ -206,6 +208,7 @@ def test_labels_that_all_failed_have_no_auc(
     assert json.loads(text)["by_material"]["transparent-specular"]["grasp_auc"] is None
 
 
+@pytest.mark.slow
 def test_the_program_prints_it_as_a_table(
     run: OneShot, summary: dict[str, Any], data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -52,6 +52,7 @@ def test_detectors_without_weights_are_left_out_unless_they_are_asked_for():
         planned(replace(config, detectors=("vgn",)))
 
 
+@pytest.mark.slow
 def test_slow_systems_play_fewer_rounds(monkeypatch: pytest.MonkeyPatch):
     slow = replace(compared_method("antipodal"), most_rounds=30)
     monkeypatch.setitem(COMPARED_METHODS, "antipodal", slow)
@@ -61,6 +62,7 @@ def test_slow_systems_play_fewer_rounds(monkeypatch: pytest.MonkeyPatch):
         assert {r.evaluation.rounds for r in rows if r.system is not slow} == {asked}
 
 
+@pytest.mark.slow
 def test_rows_are_played_once_and_compared(
     scene_renderer: type, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -87,6 +89,7 @@ def test_rows_are_played_once_and_compared(
     assert run(config, scene_renderer) == said
 
 
+@pytest.mark.slow
 def test_the_paper_stands_beside_packed_rows(scene_renderer: type, tmp_path: Path):
     config = Table(
         "packed", out=tmp_path, rounds=1, detectors=("neugrasp",), strategies=("random",), workers=1
@@ -94,6 +97,7 @@ def test_the_paper_stands_beside_packed_rows(scene_renderer: type, tmp_path: Pat
     assert "| 86.3 / 86.0 / 81.0 / 0.153 |" in run(config, scene_renderer)
 
 
+@pytest.mark.slow
 def test_a_picture_of_the_surfaces(scene_renderer: type, tmp_path: Path):
     config = Table("single", out=tmp_path, detectors=("neugrasp", "oracle"), picture=True)
     path = tmp_path / "single_surfaces.png"

@@ -83,6 +83,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory, _cache: object) -> Pat
     return out
 
 
+@pytest.mark.slow
 def test_what_is_written_agrees_with_itself(undisturbed: Path):
     metrics = json.loads((undisturbed / "metrics.json").read_text())
     attempts = [json.loads(line) for line in (undisturbed / "attempts.jsonl").read_text().splitlines()]
@@ -123,6 +124,7 @@ def test_rounds_of_training_objects_are_others_and_say_so(undisturbed: Path, tmp
     assert Rounds.of_facts(facts, ObjectLibrary.open(("glassware",))).split == "train"
 
 
+@pytest.mark.slow
 def test_rounds_of_two_grippers_of_one_name_are_never_mixed(tmp_path: Path):
     """Neither by going on, nor by comparing; an evaluation from before the hashes goes on."""
     bundled = Path(run.__file__).parents[1] / "grippers" / "panda.json"
@@ -242,6 +244,7 @@ def test_a_round_that_crashes_is_reported_and_tried_again(
     assert told(tmp_path) == told(undisturbed)
 
 
+@pytest.mark.slow
 def test_a_round_does_not_depend_on_those_before_it(undisturbed: Path, tmp_path: Path):
     runner = EpisodeRunner(small(tmp_path), None)
     with runner.world:
@@ -255,6 +258,7 @@ def outcome(episode: Episode) -> Any:
     return json.loads(json.dumps(vars(replace(episode, attempts=untimed, timing_s={})), default=vars))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["packed", "pile", "single"])
 def test_rounds_are_the_same_for_all_materials_and_views(kind: str):
     library = ObjectLibrary.open(("glassware",))
@@ -295,6 +299,7 @@ def weights(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(path)
 
 
+@pytest.mark.slow
 def test_the_threshold_is_the_users_or_the_weights_or_the_protocols(tmp_path: Path, weights: str):
     judged = tmp_path / "judged.safetensors"
     save_checkpoint(judged, load_checkpoint(weights).model(), {"threshold": 0.7})
@@ -376,6 +381,7 @@ def test_samples_reach_the_renderer(
     assert asked == [4, 1]
 
 
+@pytest.mark.slow
 def test_a_story_is_one_file_that_tells_every_attempt(undisturbed: Path, tmp_path: Path):
     page = write_episode_report(InspectEpisode(undisturbed, 1, tmp_path / "report.html")).read_text()
     episode = read_episode(undisturbed / "rounds" / "000001.json")

@@ -41,6 +41,7 @@ def same(one: list[Grasp], other: list[Grasp]) -> None:
         assert (mine.width, mine.score) == (yours.width, yours.score)
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(grasps, st.sampled_from(GRIPPERS))
 def test_decoding_undoes_encoding(found: list[Grasp], gripper: Gripper):

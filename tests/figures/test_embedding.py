@@ -20,6 +20,7 @@ def groups(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     return centres[kinds] + rng.normal(size=(150, 16)), kinds
 
 
+@pytest.mark.slow
 def test_groups_stay_groups(groups: tuple[np.ndarray, np.ndarray]):
     vectors, kinds = groups
     points = tsne(vectors, perplexity=15)
@@ -30,6 +31,7 @@ def test_groups_stay_groups(groups: tuple[np.ndarray, np.ndarray]):
     assert apart > 2 * max(widths)
 
 
+@pytest.mark.slow
 def test_the_same_vectors_give_the_same_points_and_nothing_is_lost(groups: tuple[np.ndarray, np.ndarray]):
     vectors, _ = groups
     once, again = (tsne(vectors, perplexity=15) for _ in range(2))

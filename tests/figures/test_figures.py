@@ -65,6 +65,7 @@ def source(ball: Path) -> FigureInput:
     return open_figure_input(str(ball), 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ["features", "priors", "trajectory"])
 def test_one_command_writes_the_picture(
     which: str, ball: Path, weights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -77,6 +78,7 @@ def test_one_command_writes_the_picture(
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 200
 
 
+@pytest.mark.slow
 def test_mistakes_are_named(ball: Path, weights: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     def refused(*arguments: object) -> str:
         assert cli.main(["figure", *map(str, arguments)]) == 2
@@ -91,6 +93,7 @@ def test_mistakes_are_named(ball: Path, weights: Path, tmp_path: Path, capsys: p
     assert "give it as --without" in refused("priors", "--scene", ball, "--weights", plain)
 
 
+@pytest.mark.slow
 def test_objects_and_table_are_where_the_masks_say(source: FigureInput, weights: Path):
     maps = feature_maps(source, NeuGraspDetector.load(weights / "with.safetensors").model)
     assert maps.are_known
@@ -103,6 +106,7 @@ def test_objects_and_table_are_where_the_masks_say(source: FigureInput, weights:
     assert redness[is_ball].min() > REDNESS / 2 > redness[~is_ball].mean()
 
 
+@pytest.mark.slow
 def test_without_masks_what_changed_counts_as_object(source: FigureInput, weights: Path):
     model = NeuGraspDetector.load(weights / "with.safetensors").model
     known, guessed = feature_maps(source, model), feature_maps(replace(source, truth=None), model)
@@ -137,6 +141,7 @@ def test_the_background_is_taken_away_and_nothing_else(source: FigureInput):
             assert not np.array_equal(view.background, old.background)
 
 
+@pytest.mark.slow
 def test_two_models_are_compared_where_two_are_given(source: FigureInput, weights: Path):
     full, plain = (NeuGraspDetector.load(weights / name) for name in CHANGES)
     words = [variant.words for variant in variants(source.views, full, plain)]
@@ -165,6 +170,7 @@ def workspace_grasp() -> Grasp:
     return Grasp(pose, 0.04, 0.9)
 
 
+@pytest.mark.slow
 def test_a_scene_without_grasps_and_one_with_are_drawn(source: FigureInput, workspace_grasp: Grasp):
     assert source.truth is not None
     gripper, workspace = Gripper.load("panda"), source.views.workspace

@@ -65,6 +65,7 @@ def test_a_homography_takes_corners_to_corners(rng: np.random.Generator):
     np.testing.assert_allclose(mapped[:, :2] / mapped[:, 2:], targets, atol=1e-9)
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.tuples(st.floats(0.05, 1.5), st.floats(-3, 3), st.floats(0.2, 0.9)), min_size=1, max_size=5)
 )

@@ -28,6 +28,7 @@ def test_projection_undoes_unprojection(pixel: tuple[float, float], depth: float
     assert depth_back == pytest.approx(depth)
 
 
+@pytest.mark.slow
 @given(pixels, depths, depths)
 def test_all_points_of_a_ray_lie_on_one_line_through_the_centre(
     pixel: tuple[float, float], near: float, far: float
@@ -46,6 +47,7 @@ def test_x_is_right_y_is_down_and_depth_is_z():
     assert camera.project([0, 0, -1.0])[1] < 0
 
 
+@pytest.mark.slow
 @given(
     st.floats(-200, 500),
     st.floats(-200, 250),
@@ -73,6 +75,7 @@ def test_a_crop_sees_a_point_where_the_photo_did(
     np.testing.assert_allclose((seen[1] + 0.5) / height, (pixel[1] - top) / high, atol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [0.5, 1, 2, 4])
 def test_a_pixel_of_a_resized_photo_shows_its_own_column(scale: float):
     """The camera's arithmetic agrees with what an image library does to the pixels."""

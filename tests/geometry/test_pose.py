@@ -30,6 +30,7 @@ def poses(draw: st.DrawFn) -> Array:
     return from_quaternion(quaternion / np.linalg.norm(quaternion), draw(points))
 
 
+@pytest.mark.slow
 @given(poses(), poses(), points)
 def test_transforms_compose_as_their_names_say(a_from_b: Array, b_from_c: Array, point_c: tuple[float, ...]):
     np.testing.assert_allclose(
@@ -37,12 +38,14 @@ def test_transforms_compose_as_their_names_say(a_from_b: Array, b_from_c: Array,
     )
 
 
+@pytest.mark.slow
 @given(poses(), points)
 def test_an_inverse_undoes_its_transform(a_from_b: Array, point: tuple[float, ...]):
     np.testing.assert_allclose(apply(inverse(a_from_b), apply(a_from_b, point)), point, atol=1e-9)
     np.testing.assert_allclose(inverse(a_from_b), np.linalg.inv(a_from_b), atol=1e-9)
 
 
+@pytest.mark.slow
 @given(poses(), points, points)
 def test_rigid_transforms_keep_distances(pose: Array, p: tuple[float, ...], q: tuple[float, ...]):
     assert is_rigid(pose)
@@ -50,6 +53,7 @@ def test_rigid_transforms_keep_distances(pose: Array, p: tuple[float, ...], q: t
     assert moved == pytest.approx(np.linalg.norm(np.subtract(p, q)), abs=1e-9)
 
 
+@pytest.mark.slow
 @given(poses())
 def test_a_quaternion_gives_its_rotation_back(pose: Array):
     quaternion = to_quaternion(pose)
@@ -62,6 +66,7 @@ def test_quaternions_are_xyzw():
     np.testing.assert_allclose(apply(quarter_turn_about_z, [1, 0, 0]), [0, 1, 0], atol=1e-12)
 
 
+@pytest.mark.slow
 @given(points, st.floats(-3, 3), st.floats(-3, 3))
 def test_turns_about_one_axis_add_up(axis: tuple[float, ...], first: float, second: float):
     assume(np.linalg.norm(axis) > 0.1)
@@ -69,6 +74,7 @@ def test_turns_about_one_axis_add_up(axis: tuple[float, ...], first: float, seco
     np.testing.assert_allclose(both, rotation_about(axis, first + second), atol=1e-9)
 
 
+@pytest.mark.slow
 @given(points, points)
 def test_a_camera_looks_at_its_target_with_the_sky_above(eye: tuple[float, ...], target: tuple[float, ...]):
     assume(np.linalg.norm(np.subtract(target, eye)) > 0.1)

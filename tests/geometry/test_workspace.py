@@ -24,6 +24,7 @@ def test_a_point_lies_within_half_a_voxel_of_its_voxel_centre(x: float, y: float
     assert WORKSPACE.contains([x, y, z])
 
 
+@pytest.mark.slow
 @given(st.tuples(*[st.integers(0, 39)] * 3))
 def test_a_voxel_centre_belongs_to_its_voxel(index: tuple[int, int, int]):
     centre = WORKSPACE.voxel_centres()[index]
@@ -50,6 +51,7 @@ def test_corners_of_a_slice():
     assert sorted(set(corners[:, 2].tolist())) == [0.04, 0.2]
 
 
+@pytest.mark.slow
 @given(st.floats(0.3, 0.8), st.floats(0, 1.2), st.floats(0, 6.28))
 def test_the_photo_box_shows_the_workspace_that_the_photo_shows(radius: float, polar: float, azimuth: float):
     offset = np.array([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)])

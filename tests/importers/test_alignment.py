@@ -25,6 +25,7 @@ def arc(count: int) -> list[Array]:
     return [look_at((0.4 * np.cos(a), 0.4 * np.sin(a), 0.3), (0, 0, 0)) for a in np.linspace(0, 1, count)]
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(quaternions, shifts, st.floats(0.01, 100), st.integers(2, 8))
 def test_any_similarity_is_found(quaternion: tuple, shift: tuple, scale: float, count: int):

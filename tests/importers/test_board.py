@@ -70,6 +70,7 @@ def views_of(photos: Sequence[np.ndarray], cameras: Sequence[Camera], board: Boa
     return Views(tuple(views), board.workspace())
 
 
+@pytest.mark.slow
 def test_the_camera_is_found_from_one_photo(board: Board, cameras: list[Camera], photos: list[np.ndarray]):
     for camera, photo in zip(cameras, photos, strict=True):
         sighting = find_board(board, photo, Lens(camera.intrinsics, camera.width, camera.height))
@@ -97,6 +98,7 @@ def test_corners_lie_on_average_where_the_camera_sees_them(
         assert np.abs(shift).max() < 0.5
 
 
+@pytest.mark.slow
 def test_a_bent_photo_gives_the_same_camera(board: Board, cameras: list[Camera]):
     camera = cameras[0]
     lens = Lens(camera.intrinsics, camera.width, camera.height, (-0.12, 0.02, 0.0), (0.001, -0.001))
@@ -107,6 +109,7 @@ def test_a_bent_photo_gives_the_same_camera(board: Board, cameras: list[Camera])
     assert degrees < 0.1
 
 
+@pytest.mark.slow
 def test_april_tags_do_the_same(tmp_path: Path, cameras: list[Camera]):
     (tmp_path / "tags.json").write_text(json.dumps(TAGS))
     board = read_board(str(tmp_path / "tags.json"))
@@ -152,6 +155,7 @@ def write_camera(folder: Path, camera: Camera) -> None:
     (folder / "camera.json").write_text(json.dumps(data))
 
 
+@pytest.mark.slow
 def test_photos_with_a_board_become_a_scene(
     board: Board, cameras: list[Camera], photos: list[np.ndarray], tmp_path: Path
 ):
@@ -168,6 +172,7 @@ def test_photos_with_a_board_become_a_scene(
         assert degrees < 0.1
 
 
+@pytest.mark.slow
 def test_a_background_from_beside_is_warped_along_the_table(
     board: Board, cameras: list[Camera], photos: list[np.ndarray], tmp_path: Path
 ):
@@ -187,6 +192,7 @@ def test_a_background_from_beside_is_warped_along_the_table(
     assert difference < 2.5 < unwarped / 3
 
 
+@pytest.mark.slow
 def test_a_reconstruction_gets_its_scale_from_the_board(
     board: Board, cameras: list[Camera], photos: list[np.ndarray], tmp_path: Path
 ):
@@ -200,6 +206,7 @@ def test_a_reconstruction_gets_its_scale_from_the_board(
         assert degrees < 0.1
 
 
+@pytest.mark.slow
 def test_a_robot_keeps_its_base_and_finds_the_cube_by_the_board(
     board: Board, cameras: list[Camera], photos: list[np.ndarray], tmp_path: Path
 ):
@@ -217,6 +224,7 @@ def test_a_robot_keeps_its_base_and_finds_the_cube_by_the_board(
         np.testing.assert_allclose(view.camera.world_from_camera, camera.world_from_camera, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_photo_without_the_board_is_named(
     cameras: list[Camera], photos: list[np.ndarray], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
@@ -255,6 +263,7 @@ def test_an_unknown_dictionary_is_named(tmp_path: Path):
         find_board(Board(Tags((Tag(999, 0.05, (0.025, 0.025)),))), blank, lens)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("paper", ["a4", "letter", "a3"])
 def test_the_page_is_the_paper_and_the_board_is_true_to_size(tmp_path: Path, board: Board, paper: str):
     """The board is found on the page itself, seen from straight above by a camera of 1 pixel per dot."""

@@ -96,12 +96,14 @@ def test_tags_that_lie_otherwise_are_refused_with_the_reason(described: Tags, re
     assert re.search(reason, text), text
 
 
+@pytest.mark.slow
 def test_two_tags_cannot_tell_which_of_them_moved():
     two = replace(TAGS, tags=TAGS.tags[:2])
     moved = replace(two, tags=(replace(two.tags[0], turn=np.pi / 2), two.tags[1]))
     assert "measure 'centre', 'size' and 'turn_deg' of the tags 3, 11" in refusal(two, moved)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("centre", [(0.22, 0.05), (0.03, 0.13)], ids=["beside", "behind"])
 def test_a_number_that_is_seen_twice_is_refused(centre: tuple[float, float]):
     """Of two prints of one tag nobody knows which one is meant."""
@@ -139,6 +141,7 @@ def test_another_chessboard_is_recognised(printed: Charuco, described: Charuco, 
     assert re.search(reason, text), text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("printed", [replace(SMALL, legacy=True), Charuco(6, 6, 0.03, 0.022, legacy=True)])
 def test_the_legacy_pattern_is_found_where_it_is_described(printed: Charuco):
     sighting = find_board(Board(printed), photo_of_table(Board(printed), CAMERA), LENS)
@@ -188,6 +191,7 @@ def test_a_table_without_a_board_has_no_other_markers():
     assert other_markers(Board(TAGS), blank) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("distance", "size"), [(0.9, 0.05), (0.6, 0.03)])
 def test_a_tag_too_small_to_tell_the_direction_is_refused(distance: float, size: float):
     """Two poses explain it alike, or one that may as well be another."""
@@ -198,6 +202,7 @@ def test_a_tag_too_small_to_tell_the_direction_is_refused(distance: float, size:
         find_board(tag, photo, Lens(camera.intrinsics, camera.width, camera.height))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blur", [1.5, 2.0])
 def test_a_blurred_tag_gives_the_camera_or_none(rng: np.random.Generator, blur: float):
     """Never the one that is mirrored about the line of sight, half a metre away."""
@@ -264,6 +269,7 @@ def pair_of(folder: Path, background: np.ndarray, image: np.ndarray) -> dict[str
     return {"0": Pair(folder / "image.png", folder / "background.png")}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("upright", ["official", "opencv"])
 def test_two_tags_tell_whose_pictures_they_are(tmp_path: Path, upright: str):
     photo = photo_of_table(Board(replace(TAGS, upright=upright)), CAMERA)  # type: ignore[arg-type]
@@ -296,6 +302,7 @@ def test_objects_tell_whose_picture_a_lone_tag_is(tmp_path: Path, upright: str, 
     assert board.print.upright == upright  # type: ignore[union-attr]
 
 
+@pytest.mark.slow
 def test_a_lone_tag_that_nothing_tells_about_is_refused(tmp_path: Path):
     """Nothing stands in the cube, or the cube stands about the tag, or as much has changed on both sides."""
     photo = photo_of_table(Board(replace(LONE, upright="official")), ABOVE)

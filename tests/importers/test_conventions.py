@@ -31,6 +31,7 @@ def views() -> Views:
     return patterned_views()
 
 
+@pytest.mark.slow
 def test_the_right_poses_are_taken(views: Views, tmp_path: Path):
     for name, source in (
         ("nerfstudio", write_nerfstudio(tmp_path / "a", views, Similarity())),
@@ -140,6 +141,7 @@ POSES: dict[str, tuple[Callable[[Array], Any], Callable[[Array], Any], str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mistake", POSES)
 def test_conventions_of_a_robot(
     views: Views, tmp_path: Path, capsys: pytest.CaptureFixture[str], mistake: str
@@ -177,6 +179,7 @@ def test_an_eye_beside_the_robot_is_called_so(
     assert "looks like base_from_camera, of a camera beside the robot" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_table_without_a_pattern_accuses_nobody(views: Views, tmp_path: Path):
     grey = np.full((120, 160, 3), 127, dtype=np.uint8)
     plain = Views(tuple(View(view.camera, grey, grey) for view in views.frames), views.workspace)

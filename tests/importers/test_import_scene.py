@@ -90,6 +90,7 @@ def same(one: Views, other: Views) -> None:
         assert mine.camera.sensed == yours.camera.sensed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("write", [nerfstudio, colmap_text, colmap_binary, robot, robot_csv, ur, ur_csv])
 def test_a_scene_comes_back_from_every_format(
     write: Write, elsewhere: Views, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -155,6 +155,7 @@ MIXED: dict[str, tuple[Change, Change]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mistake", MIXED)
 def test_mixed_up_frames_of_a_robot_never_pass_in_silence(
     views: Views, tmp_path: Path, capsys: pytest.CaptureFixture[str], mistake: str
@@ -196,6 +197,7 @@ def test_a_tag_of_one_of_the_two_photos_is_told(
     assert f"{new.name}: EXIF orientation: the photo is stored turned by 90 degrees" in caplog.text
 
 
+@pytest.mark.slow
 def test_a_matrix_of_the_whole_photo_does_not_fit_half_of_it(
     views: Views, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):

@@ -19,6 +19,7 @@ from neugrasp.model.network import NeuGrasp
 from neugrasp.training.recipes import tiny
 
 
+@pytest.mark.slow
 def test_weights_and_configuration_come_back(model, views, tmp_path):
     save_checkpoint(tmp_path / "a.safetensors", model, {"steps": 3})
     loaded = load_checkpoint(tmp_path / "a.safetensors")
@@ -28,6 +29,7 @@ def test_weights_and_configuration_come_back(model, views, tmp_path):
         assert torch.equal(loaded.model()(views)[0].sdf, model(views)[0].sdf)
 
 
+@pytest.mark.slow
 def test_half_precision_is_half_the_size_and_nearly_the_same(model, views, tmp_path):
     for name, half in (("whole", False), ("half", True)):
         save_checkpoint(tmp_path / name, model, {}, half=half)
@@ -43,6 +45,7 @@ def rewritten(path, model, **changes: str):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -127,6 +130,7 @@ def test_unknown_weights_name_the_ones_there_are():
         load_checkpoint("no-such-weights")
 
 
+@pytest.mark.slow
 def test_a_detector_takes_the_threshold_that_was_noted_with_its_weights(model, tmp_path):
     save_checkpoint(tmp_path / "judged", model, {"threshold": 0.7})
     save_checkpoint(tmp_path / "plain", model, {})

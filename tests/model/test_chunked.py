@@ -34,6 +34,7 @@ def test_other_devices_take_everything_at_once():
     assert parts == [slice(0, 10**6)]
 
 
+@pytest.mark.slow
 def test_values_and_gradients_do_not_depend_on_the_pieces(
     model: NeuGrasp, views: ViewTensors, monkeypatch: pytest.MonkeyPatch
 ):

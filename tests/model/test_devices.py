@@ -25,6 +25,8 @@ from neugrasp.training.losses import (
 from neugrasp.training.recipes import RECIPES, tiny
 from neugrasp.training.samples import LabelTensors
 
+pytestmark = pytest.mark.slow
+
 META = torch.device("meta")
 MODELS = {name: make().model for name, make in RECIPES.items()} | {"tiny": tiny().model}
 

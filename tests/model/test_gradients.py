@@ -12,6 +12,8 @@ from neugrasp.model.inputs import ViewTensors
 from neugrasp.model.network import NeuGrasp
 from neugrasp.model.rendering import Rays, cut_to_workspace
 
+pytestmark = pytest.mark.slow
+
 STEP = 2e-3
 """Of a unit vector: float32 has 24 bits, and the network has kinks."""
 

@@ -18,6 +18,7 @@ def chosen(views: ViewTensors, order: list[int]) -> ViewTensors:
     return ViewTensors(views.images[order], views.backgrounds[order], views.cameras.select(order))
 
 
+@pytest.mark.slow
 @torch.no_grad()
 def test_the_order_of_the_views_does_not_matter(model, views):
     first, grasps = model(views)
@@ -26,6 +27,7 @@ def test_the_order_of_the_views_does_not_matter(model, views):
     assert_close(grasps.quality, same_grasps.quality, atol=1e-4, rtol=1e-4)
 
 
+@pytest.mark.slow
 @torch.no_grad()
 @pytest.mark.parametrize("count", [1, 2, 3, 8])
 def test_any_number_of_views_from_one_to_eight_works(model, views, count):
@@ -35,6 +37,7 @@ def test_any_number_of_views_from_one_to_eight_works(model, views, count):
     assert grasps.rotation.norm(dim=1).allclose(torch.ones(1, 40, 40, 40), atol=1e-5)
 
 
+@pytest.mark.slow
 @torch.no_grad()
 def test_the_grid_is_the_field_read_at_the_voxel_centres(model, views):
     """Catches a flipped column, a half voxel, and volumes or maps read with their axes exchanged."""
@@ -53,6 +56,7 @@ def test_some_columns_are_those_of_the_grid(model, views):
     assert_close(some, reconstruction.sdf.reshape(1600, 40)[columns], atol=1e-5, rtol=1e-5)
 
 
+@pytest.mark.slow
 @torch.no_grad()
 def test_points_that_no_view_sees_count_as_outside(model, views):
     far = torch.tensor([[[5.0, 5.0, 0.1], [5.0, 5.0, 0.0]]])
@@ -66,6 +70,7 @@ def test_the_table_is_where_the_workspace_says(model):
     assert_close(table_distance(heights, model.workspace), torch.tensor([-1.0, 0.0, 0.5, 1.0]))
 
 
+@pytest.mark.slow
 @torch.no_grad()
 def test_blended_colours_lie_between_the_views(model, views):
     flat = ViewTensors(torch.full_like(views.images, 0.25), views.backgrounds, views.cameras)
@@ -77,6 +82,7 @@ def test_blended_colours_lie_between_the_views(model, views):
     assert_close(colour, torch.full((6, 5, 3), 0.25))
 
 
+@pytest.mark.slow
 @torch.no_grad()
 @pytest.mark.parametrize(
     "switch", [{"use_residual_attention": False}, {"use_occupancy_prior": False}, {"use_backgrounds": False}]

@@ -17,6 +17,8 @@ from neugrasp.model.rendering import cut_to_workspace
 from neugrasp.training.recipes import paper, small, tiny
 from reference_network.network import ReferenceNetwork
 
+pytestmark = pytest.mark.slow
+
 TOLERANCE = 1e-4
 """Relative, on the signed distance: float32 has 24 bits, and the sums are long."""
 

@@ -27,6 +27,7 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_pose_is_found_and_said_as_a_cell_file_has_it(capture: Path):
     said = run(Calibrate(capture / "robot.json"))
     assert said.exit_code == 0
@@ -66,6 +67,7 @@ def test_what_is_wrong_with_the_poses_is_said(capture: Path, change: dict[str, o
 Change = Callable[[list[np.ndarray]], list[np.ndarray]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -51,6 +51,7 @@ def content(out: Path) -> dict[str, str]:
     return {str(p.relative_to(out)): hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(files)}
 
 
+@pytest.mark.slow
 def test_the_folder_holds_photos_and_outcomes_and_nothing_of_the_truth(collected: Path):
     names = {path.name for path in collected.rglob("*") if path.is_file()}
     assert names - {f"{i}.png" for i in range(8)} == {".lock", "collection.json", "scene.json", "grasps.npz"}
@@ -62,6 +63,7 @@ def test_the_folder_holds_photos_and_outcomes_and_nothing_of_the_truth(collected
         assert len(scene.labels.success) == 6
 
 
+@pytest.mark.slow
 def test_outcomes_are_those_of_physics(collected: Path):
     """Each grasp tried again, in a world that knows nothing of the collection."""
     gripper, library = Gripper.load("robotiq_2f85"), ObjectLibrary.open(("pybullet", "glassware"))
@@ -85,6 +87,7 @@ def test_outcomes_are_those_of_physics(collected: Path):
     assert 0 < sum(outcomes) < len(outcomes)
 
 
+@pytest.mark.slow
 def test_the_folder_trains_two_steps(collected: Path, tmp_path: Path):
     small = tiny()
     config = replace(
@@ -96,6 +99,7 @@ def test_the_folder_trains_two_steps(collected: Path, tmp_path: Path):
     assert len((tmp_path / "adapted" / "log.jsonl").read_text().splitlines()) >= 2
 
 
+@pytest.mark.slow
 def test_what_is_there_is_kept_and_the_rest_is_made_the_same(collected: Path, tmp_path: Path):
     out = tmp_path / "again"
     collect(little(out, scenes=1), Drawing)

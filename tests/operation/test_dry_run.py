@@ -75,6 +75,7 @@ def photos(folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_every_motion_is_told_and_drawn_and_nothing_is_connected(hardware: Path, tmp_path: Path):
     said = run.run(
         Run(hardware, tmp_path / "run", dry_run=True, photos=photos(tmp_path / "scene"), speed=0.5)
@@ -104,6 +105,7 @@ def test_every_motion_is_told_and_drawn_and_nothing_is_connected(hardware: Path,
     assert grasped["tcp_speed"] <= cell.approach_speed * 1.001
 
 
+@pytest.mark.slow
 def test_without_photos_of_this_cell_there_is_no_dry_run(hardware: Path, tmp_path: Path):
     config = Run(hardware, tmp_path / "run", dry_run=True)
     with pytest.raises(InputError, match="it needs photos: neugrasp capture"):

@@ -148,6 +148,7 @@ def enter() -> str:
     return ""
 
 
+@pytest.mark.slow
 def test_poses_widths_and_outcomes_come_back_exactly(led: Led, tmp_path: Path):
     poses = [down_at(0.5, 0.05, 0.05, 0.4), down_at(0.45, -0.05, 0.03, -0.9), down_at(0.55, 0.0, 0.04)]
     led.script.deeds = [
@@ -171,6 +172,7 @@ def test_poses_widths_and_outcomes_come_back_exactly(led: Led, tmp_path: Path):
         np.testing.assert_allclose(tcp, expected[:3, 3], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_arm_lifts_straight_up_and_puts_it_back_and_ends_out_of_sight(led: Led, tmp_path: Path):
     pose, motion = down_at(0.5, 0.05, 0.05), led.guide.hardware.motion
     led.script.deeds = [enter, led.at(pose, thing=0.04), led.done]
@@ -183,6 +185,7 @@ def test_the_arm_lifts_straight_up_and_puts_it_back_and_ends_out_of_sight(led: L
     np.testing.assert_allclose(home.joints[-1], led.guide.cell.out_of_sight, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_place_where_the_hand_must_not_be_is_said_and_not_stored(led: Led, tmp_path: Path):
     led.script.deeds = [
         enter,
@@ -195,6 +198,7 @@ def test_a_place_where_the_hand_must_not_be_is_said_and_not_stored(led: Led, tmp
     assert len(read_capture(tmp_path / "0").labels.success) == 1
 
 
+@pytest.mark.slow
 def test_whoever_ends_it_keeps_what_was_tried(led: Led, tmp_path: Path):
     led.script.deeds = [enter, led.at(down_at(0.5, 0.0, 0.05), thing=0.04), lambda: "q"]
     with pytest.raises(Stopped, match="the same command goes on"):
@@ -204,6 +208,7 @@ def test_whoever_ends_it_keeps_what_was_tried(led: Led, tmp_path: Path):
     assert not (tmp_path / "1").exists()
 
 
+@pytest.mark.slow
 def test_an_arm_that_cannot_be_led_says_so(led: Led, tmp_path: Path):
     stiff = Guarded(PaperArm(led.guide.cell.out_of_sight), led.guide.hardware.motion.fence)
     guide = replace(led.guide, hardware=replace(led.guide.hardware, led=stiff))

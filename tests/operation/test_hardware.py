@@ -172,11 +172,13 @@ def test_an_arm_that_was_left_anywhere_is_not_driven_blindly(cell: Cell):
     assert not moves(cell)
 
 
+@pytest.mark.slow
 def test_measuring_sticks_see_no_photos(cell: Cell, tmp_path: Path):
     with pytest.raises(InputError, match="--detector oracle: a cell has photos, and nothing else"):
         run.run(Run(cell.path, tmp_path / "run", detector="oracle"))
 
 
+@pytest.mark.slow
 def test_where_nothing_can_be_written_nothing_moves(tmp_path: Path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="is a file; the scene is written into a folder"):

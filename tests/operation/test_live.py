@@ -50,6 +50,7 @@ def until(answer: Callable[[], Any]) -> Any:
     return found
 
 
+@pytest.mark.slow
 def test_the_page_follows_and_its_button_stops_arms_that_come_later():
     """Without a browser."""
     cell, arm, late = example(), PaperArm(np.zeros(6)), PaperArm(np.zeros(6))

@@ -84,6 +84,7 @@ def test_options_that_cannot_be_are_refused(tmp_path: Path, change: dict[str, fl
         run(replace(Run(TWIN, tmp_path), **change))  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_a_cell_in_which_something_is_wrong_is_not_run(tmp_path: Path):
     path = tmp_path / "cell.toml"
     path.write_text(TWIN.read_text().replace("drop = [110.0,", "drop = [178.0,"))

@@ -21,6 +21,7 @@ def done(crew: Crew, folder: Path, groups: list[list[int]], seconds: float = 0.0
     return list(spread(crew, partial(squares, folder, seconds), groups))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("crew", CREWS, ids=str)
 def test_each_task_is_done_once_and_everything_is_put_away(crew: Crew, tmp_path: Path):
     found = done(crew, tmp_path, [[0, 1, 2], [], [3], [4, 5]])
@@ -33,6 +34,7 @@ def test_nothing_is_opened_for_nothing(tmp_path: Path):
     assert done(Here(), tmp_path, []) == []
 
 
+@pytest.mark.slow
 def test_a_group_stays_with_one_worker_and_two_work_at_once(tmp_path: Path):
     found = done(Processes(2), tmp_path, [[1, 2, 3], [11, 12, 14]], seconds=0.3)
     by_group = [{process for square, process in found if (square > 100) == is_second} for is_second in (0, 1)]
@@ -40,6 +42,7 @@ def test_a_group_stays_with_one_worker_and_two_work_at_once(tmp_path: Path):
     assert by_group[0] != by_group[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("crew", CREWS[1:], ids=str)
 def test_a_worker_that_dies_costs_its_task_which_is_done_by_another(crew: Crew, tmp_path: Path, caplog):
     found = done(crew, tmp_path, [[6, 7, 8], [9]])
@@ -47,6 +50,7 @@ def test_a_worker_that_dies_costs_its_task_which_is_done_by_another(crew: Crew, 
     assert "what it was doing is begun anew" in caplog.text
 
 
+@pytest.mark.slow
 def test_a_task_that_kills_all_its_workers_is_given_up(tmp_path: Path):
     with pytest.raises(NeuGraspError, match=r"a worker was killed \(out of memory\?\)"):
         done(Processes(2), tmp_path, [[66], [1, 2]])

@@ -81,6 +81,7 @@ def test_no_grasps_are_explained(views: Views):
     )
 
 
+@pytest.mark.slow
 def test_the_report_of_a_capture_shows_every_photo_and_every_finding(views: Views):
     diagnosis = examine(Capture.of(views))
     reader = read(report(diagnosis, "a <b> & c"))
@@ -89,6 +90,7 @@ def test_the_report_of_a_capture_shows_every_photo_and_every_finding(views: View
     assert "a &lt;b&gt; &amp; c" in report(diagnosis, "a <b> & c")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [0, 40])
 def test_the_report_of_a_prediction_holds_everything(
     views: Views, ball_on_table: Callable[..., np.ndarray], count: int
@@ -105,6 +107,7 @@ def test_the_report_of_a_prediction_holds_everything(
     assert ("None." in page) == (count == 0)
 
 
+@pytest.mark.slow
 def test_a_prediction_without_any_surface_still_has_a_report(views: Views):
     empty = detection(views, (), np.ones((40, 40, 40), dtype=np.float32))
     read(prediction_report("x", views, empty, examine(Capture.of(views))))
@@ -124,6 +127,7 @@ def found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(NeuGraspDetector, "load", classmethod(lambda *_, **__: Found()))
 
 
+@pytest.mark.slow
 def test_predict_writes_the_report_and_explains_no_grasps(
     found: None, bad_and_good: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
@@ -133,6 +137,7 @@ def test_predict_writes_the_report_and_explains_no_grasps(
     read((tmp_path / "out/report.html").read_text())
 
 
+@pytest.mark.slow
 def test_predict_refuses_on_red_unless_forced(
     found: None, bad_and_good: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
@@ -148,6 +153,7 @@ def test_predict_refuses_on_red_unless_forced(
     assert (tmp_path / "out/grasps.json").exists()
 
 
+@pytest.mark.slow
 def test_doctor_ends_with_1_on_red_and_writes_what_it_is_asked_for(
     bad_and_good: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):

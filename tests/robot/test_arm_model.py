@@ -21,6 +21,7 @@ from neugrasp.robot.inverse import in_range, joints_of
 needs_models = pytest.mark.skipif(find_spec("airo_models") is None, reason="needs neugrasp[robot]")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ARMS.values(), ids=ARMS)
 def test_every_solution_reaches_the_pose_and_the_joints_it_was_made_of_are_among_them(model: ArmModel):
     """10,000 poses over both arms."""

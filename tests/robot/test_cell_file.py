@@ -101,6 +101,7 @@ def test_comments_do_not_change_what_a_cell_is(tmp_path: Path):
     assert text_hash(changed(tmp_path, ("seed = 0", "seed = 1"))) != text_hash(TWIN)
 
 
+@pytest.mark.slow
 @needs_planner
 def test_nothing_is_wrong_with_the_example():
     said = run(Cell("check", TWIN))
@@ -109,6 +110,7 @@ def test_nothing_is_wrong_with_the_example():
     assert "wrong  " not in said.text
 
 
+@pytest.mark.slow
 @needs_planner
 @pytest.mark.parametrize(
     ("old", "new", "what", "words"),

@@ -55,6 +55,7 @@ def pad_at(crank: float) -> tuple[float, float, float]:
     return 2 * (abs(pose[1, 3]) - thickness / 2), float(pose[2, 3]), tilt
 
 
+@pytest.mark.slow
 @needs_models
 def test_at_every_opening_the_pads_are_where_the_linkage_has_them():
     """To a hundredth of a millimetre over the whole way; the pads stay parallel."""
@@ -71,6 +72,7 @@ def test_at_every_opening_the_pads_are_where_the_linkage_has_them():
     assert HAND.tcp_height == pytest.approx(closed, abs=3e-4)
 
 
+@pytest.mark.slow
 @given(st.floats(0, 0.085))
 def test_hulls_wires_and_filter_have_the_pads_at_the_grasp(width: float):
     """Whatever the width, the middle of the pads of a hand that stands for a grasp is at the grasp."""

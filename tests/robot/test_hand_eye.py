@@ -51,6 +51,7 @@ def test_without_errors_the_true_pose_comes_back():
     assert found.problems == ()
 
 
+@pytest.mark.slow
 def test_the_refinement_is_as_good_as_the_best_closed_form_whichever_that_is():
     """Over ten sets with errors of the robot alone, where nothing is better than the best of them."""
     errors = []
@@ -62,6 +63,7 @@ def test_the_refinement_is_as_good_as_the_best_closed_form_whichever_that_is():
     assert np.mean(errors) < 2.0
 
 
+@pytest.mark.slow
 def test_the_doubt_is_as_large_as_the_error():
     """The error in standard deviations, over sixteen sets."""
     ratios = []

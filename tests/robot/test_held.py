@@ -34,6 +34,7 @@ def seen(world: World) -> Detection:
     return Detection(Grasps.of([]), world.workspace, world.gripper, TruthCamera(world).capture().tsdf.values)
 
 
+@pytest.mark.slow
 def test_the_box_is_around_what_is_between_the_fingers_and_nothing_else(seen: Detection):
     grasp = replace(grasp_of(TALL), width=0.03)
     corners = held_box(grasp, seen)
@@ -58,6 +59,7 @@ def lowest_of(held: Array, motion: Motion, at: Array, ways: list[Array]) -> floa
     return min(float(apply(pose, local)[:, 2].min()) for pose in poses) - 0.05
 
 
+@pytest.mark.slow
 def test_a_way_that_would_sweep_it_through_the_table_is_refused(
     cell: CellFile, motion: Motion, seen: Detection
 ):
@@ -79,6 +81,7 @@ def test_a_way_that_would_sweep_it_through_the_table_is_refused(
     assert lowest_of(held, motion, full.approach.joints[-1], ways) > -0.002
 
 
+@pytest.mark.slow
 def test_fingers_that_swing_stand_deeper_and_close_at_the_grasp(cell: CellFile, seen: Detection):
     """A cell of hardware: its 2F-85 has the arc that the twin's straight fingers lack."""
     driver = replace(cell.arm, driver="ur")

@@ -78,6 +78,7 @@ def plan(cell: CellFile, motion: Motion, grasp: Grasp, seen: Detection) -> PickP
     return motion.pick(cell.out_of_sight, grasp, cell.drop, checker)
 
 
+@pytest.mark.slow
 def test_a_grasp_is_planned_from_out_of_sight_to_the_drop(cell: CellFile, motion: Motion, seen: Detection):
     grasp = grasp_of(BODIES[1])
     found = plan(cell, motion, grasp, seen)
@@ -92,11 +93,13 @@ def test_a_grasp_is_planned_from_out_of_sight_to_the_drop(cell: CellFile, motion
         motion.fence.check(one, one.joints[0])
 
 
+@pytest.mark.slow
 def test_the_same_question_has_the_same_answer(cell: CellFile, motion: Motion, seen: Detection):
     ways = [plan(cell, motion, grasp_of(BODIES[0]), seen).way_in.joints for _ in range(2)]
     np.testing.assert_array_equal(*ways)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pose", "error"),
     [
@@ -114,6 +117,7 @@ def test_each_reason_not_to_grasp_is_what_it_is(
         plan(cell, motion, Grasp(pose, 0.03), seen)
 
 
+@pytest.mark.slow
 def test_the_arm_keeps_out_of_boxes_on_its_ways(cell: CellFile, seen: Detection):
     """A wall between the place out of sight and the table, which the free way would cross."""
     free = planner_of(cell)
@@ -170,6 +174,7 @@ def test_the_engine_finds_nothing_in_planned_ways(
     assert planned >= 4
 
 
+@pytest.mark.slow
 def test_the_tour_leads_the_camera_to_every_view_past_whatever_may_stand_there(
     cell: CellFile, motion: Motion, world: World
 ):

@@ -66,12 +66,14 @@ def test_a_photo_is_of_after_it_was_asked_for_and_in_the_order_of_rgb():
     assert source.released
 
 
+@pytest.mark.slow
 def test_while_something_moves_there_is_no_photo():
     source = Live(lambda number: grey(17 * number % 199))
     with OpenCvCamera("", LENS, capture=source) as camera, pytest.raises(CameraFault, match="something move"):
         camera.photo(0.5)
 
 
+@pytest.mark.slow
 def test_a_camera_that_is_pulled_out_is_said_to_give_no_frame():
     source = Live(lambda number: grey(90) if number < 20 else None)
     with OpenCvCamera("", LENS, capture=source) as camera:
@@ -80,6 +82,7 @@ def test_a_camera_that_is_pulled_out_is_said_to_give_no_frame():
             camera.photo(1.0)
 
 
+@pytest.mark.slow
 def test_a_driver_that_hangs_holds_nobody():
     source = Live(lambda number: grey(90))
     with OpenCvCamera("", LENS, capture=source) as camera:

@@ -141,6 +141,7 @@ def test_without_table_contact_the_hand_goes_through_to_the_grasp(world: World):
     assert not pick(numb, numb, Grasp(lying, 0.03), 0.004, UP).touched
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sideways", [0.0, 0.012, 0.03, 0.05])
 @pytest.mark.parametrize("yaw", [0.0, 0.6])
 def test_it_comes_out_as_in_the_trials_that_make_the_labels(world: World, sideways: float, yaw: float):

@@ -77,6 +77,7 @@ def feed() -> Iterator[Callable[..., Feed]]:
         thread.join()
 
 
+@pytest.mark.slow
 def test_a_photo_is_of_after_it_was_asked_for(feed: Callable[..., Feed]):
     source = feed(lambda number: number % 200)
     with RealSense("", LENS, device=source.device) as camera:
@@ -88,6 +89,7 @@ def test_a_photo_is_of_after_it_was_asked_for(feed: Callable[..., Feed]):
         assert photo[0, 0, 0] > asked % 200
 
 
+@pytest.mark.slow
 def test_while_something_moves_there_is_no_photo(feed: Callable[..., Feed]):
     source = feed(lambda number: 100 if number % 2 else 140)
     with (
@@ -97,6 +99,7 @@ def test_while_something_moves_there_is_no_photo(feed: Callable[..., Feed]):
         camera.photo(0.5)
 
 
+@pytest.mark.slow
 def test_where_no_frame_comes_that_is_said(feed: Callable[..., Feed]):
     source = feed(lambda number: 0)
     with RealSense("", LENS, device=source.device) as camera:

@@ -24,6 +24,7 @@ def fingers() -> Iterator[tuple[Fingers, int]]:
         yield behind, port
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hand", [HAND, STRAIGHT], ids=["arc", "straight"])
 def test_it_opens_and_closes_and_knows_how_far(fingers: tuple[Fingers, int], hand: Gripper):
     _, port = fingers
@@ -34,6 +35,7 @@ def test_it_opens_and_closes_and_knows_how_far(fingers: tuple[Fingers, int], han
         assert not gripper.holds()
 
 
+@pytest.mark.slow
 def test_something_between_the_pads_is_held_and_the_old_answer_is_not_believed(fingers: tuple[Fingers, int]):
     """OBJ is asked only once the echo is that of this request."""
     behind, port = fingers
@@ -48,6 +50,7 @@ def test_something_between_the_pads_is_held_and_the_old_answer_is_not_believed(f
         assert "FOR 0" in behind.asked[0]
 
 
+@pytest.mark.slow
 def test_the_position_is_linear_in_the_angle_of_the_crank(fingers: tuple[Fingers, int]):
     """Halfway the pads are farther apart than half of the opening: the crank stands askew when it is open."""
     behind, port = fingers
@@ -59,6 +62,7 @@ def test_the_position_is_linear_in_the_angle_of_the_crank(fingers: tuple[Fingers
     assert HAND.finger_arc.opening(middle) == pytest.approx(0.0452, abs=5e-4)
 
 
+@pytest.mark.slow
 def test_it_is_activated_where_it_is_not(fingers: tuple[Fingers, int]):
     behind, port = fingers
     behind.values |= {"STA": 0, "FLT": 7}
@@ -66,6 +70,7 @@ def test_it_is_activated_where_it_is_not(fingers: tuple[Fingers, int]):
     assert [line for line in behind.asked if "ACT" in line] == ["SET ACT 0", "SET ACT 1"]
 
 
+@pytest.mark.slow
 def test_each_fault_is_what_it_is(fingers: tuple[Fingers, int], monkeypatch: pytest.MonkeyPatch):
     behind, port = fingers
     monkeypatch.setattr(robotiq, "TIMEOUT_S", 0.5)

@@ -59,6 +59,7 @@ class Knowing:
         return Detection(grasps, truth.workspace, self.world.gripper, truth.tsdf.values)
 
 
+@pytest.mark.slow
 def test_the_arm_looks_picks_and_drops_until_the_table_is_empty(world: World, cell: CellFile, motion: Motion):
     twin = TwinRobot(world, boxes_scene(*BODIES), cell, motion)
     truth = TruthCamera(world)
@@ -87,6 +88,7 @@ def seen(world: World, *grasps: Grasp) -> Detection:
     return Detection(Grasps.of(grasps), truth.workspace, world.gripper, truth.tsdf.values)
 
 
+@pytest.mark.slow
 def test_grasps_are_tried_in_their_order_until_one_can_be_reached(
     world: World, cell: CellFile, motion: Motion
 ):
@@ -112,6 +114,7 @@ def test_grasps_are_tried_in_their_order_until_one_can_be_reached(
     assert pick(twin.manipulator, chosen.hand, ranked.grasps[3], 0.004, UP).reason == SUCCESS
 
 
+@pytest.mark.slow
 def test_where_none_can_be_reached_nothing_moves(world: World, cell: CellFile, motion: Motion):
     twin = TwinRobot(world, boxes_scene(*BODIES), cell, motion)
     below = seen(world, Grasp(down_at(0.15, 0.15, -0.05), 0.03))
@@ -120,6 +123,7 @@ def test_where_none_can_be_reached_nothing_moves(world: World, cell: CellFile, m
     assert "-100 mm above the table" in chosen.skipped[0].details
 
 
+@pytest.mark.slow
 def test_an_object_that_slips_on_the_way_is_not_a_success(world: World, cell: CellFile, motion: Motion):
     twin = TwinRobot(world, boxes_scene(BODIES[1]), cell, motion)
     hand = twin.manipulator.prepare(grasp_of(BODIES[1]), seen(world))

@@ -49,6 +49,7 @@ def motion(seconds: float) -> Trajectory:
     return Trajectory(seconds * s, HOME + turn)
 
 
+@pytest.mark.slow
 def test_a_motion_arrives_as_it_was_planned(fake: FakeUr):
     with UrArm(fake.address, 100.0) as arm:
         np.testing.assert_allclose(arm.state().joints, HOME, atol=1e-5)
@@ -60,6 +61,7 @@ def test_a_motion_arrives_as_it_was_planned(fake: FakeUr):
     assert (np.diff(targets[:, 5]) >= -1e-9).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("word", "error"),
     [
@@ -94,6 +96,7 @@ def test_a_fault_ends_the_motion_and_nothing_moves_afterwards(
         assert not [line for line in fake.said() if line.startswith("servo")]
 
 
+@pytest.mark.slow
 def test_a_stop_from_another_thread_ends_the_motion(fake: FakeUr):
     with UrArm(fake.address, 100.0) as arm:
         timer = threading.Timer(0.3, arm.stop)
@@ -106,11 +109,13 @@ def test_a_stop_from_another_thread_ends_the_motion(fake: FakeUr):
         assert any(line.startswith("stop") for line in fake.said())
 
 
+@pytest.mark.slow
 def test_where_there_is_no_controller_that_is_said():
     with pytest.raises(ConnectionLost, match=r"127\.0\.1\.9: no UR controller that takes commands"):
         UrArm("127.0.1.9", 100.0)
 
 
+@pytest.mark.slow
 def test_a_contact_is_no_excess_of_force(fake: FakeUr):
     """The stand-in presses with 120 N: a contact where 200 N are allowed."""
     with UrArm(fake.address, 200.0) as arm:

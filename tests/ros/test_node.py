@@ -98,6 +98,7 @@ def test_a_goal_that_is_cancelled_gets_no_grasps(ready: Peer):
     assert (result["status"], result["values"], result["result"]) == (5, {"grasps": []}, False)
 
 
+@pytest.mark.slow
 def test_it_comes_back_and_offers_everything_again(ready: Peer, show: Show, node: Node):
     before = len(ready.said)
     ready.hang_up()
@@ -130,6 +131,7 @@ def test_what_is_missing_is_said(peer: Peer, node: Node, show: Show, given: Para
     assert peer.wait("action_result", id="e")["status"] == 6
 
 
+@pytest.mark.slow
 def test_old_photos_are_not_grasped_by(peer: Peer, given: Parameters, show: Show, node: Node):
     object.__setattr__(node, "given", replace(given, oldest_s=0.2))
     peer.wait("advertise", topic="/neugrasp/surface")

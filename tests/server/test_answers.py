@@ -26,6 +26,7 @@ def post(served: Running, path: str, parts: list, **options: object) -> httpx.Re
     return httpx.post(served.url + path, files=parts, timeout=60, **options)
 
 
+@pytest.mark.slow
 def test_a_whole_scene_is_answered_as_the_detector_would(served: Running, scene: Path, views: Views):
     answer = post(served, "/v1/detect?tsdf=true", parts_of(scene, *WHOLE)).json()
     expected, found = FlatTable().detect(views), Detection.from_dict(answer["detection"])
@@ -36,6 +37,7 @@ def test_a_whole_scene_is_answered_as_the_detector_would(served: Running, scene:
     assert set(answer["seconds"]) == {"decode", "examine", "queue"}
 
 
+@pytest.mark.slow
 def test_a_cell_that_is_kept_needs_photos_only(served: Running, scene: Path):
     parts = parts_of(scene, "scene", "background")
     kept = httpx.put(f"{served.url}/v1/cells/left", files=parts).json()
@@ -50,6 +52,7 @@ def test_a_cell_that_is_kept_needs_photos_only(served: Running, scene: Path):
     assert post(served, "/v1/cells/left/detect", parts_of(scene, "image")).status_code == 404
 
 
+@pytest.mark.slow
 def test_the_surface_comes_as_a_file_where_it_is_asked_for(served: Running, scene: Path):
     parts = parts_of(scene, *WHOLE)
     vertices = {}
@@ -94,6 +97,7 @@ def test_it_can_be_steered(served: Running, scene: Path, steering: dict, left: i
     assert answer["detection"]["rejected"][reason] == 2 - left
 
 
+@pytest.mark.slow
 def test_a_mask_is_a_part(served: Running, scene: Path):
     image = (scene / "images/0.png").read_bytes()
     with Image.open(scene / "images/0.png") as photo:
@@ -125,12 +129,14 @@ def test_red_is_refused_with_what_to_do_unless_it_is_forced(served: Running, sce
     assert post(served, "/v1/detect?force=true", parts).json()["doctor"]["level"] == "red"
 
 
+@pytest.mark.slow
 def test_a_page_to_look_at(served: Running, scene: Path):
     page = post(served, "/v1/report", parts_of(scene, *WHOLE))
     assert page.headers["content-type"].startswith("text/html")
     assert "2 grasps for the panda gripper" in page.text
 
 
+@pytest.mark.slow
 def test_answers_have_the_shapes_that_are_described(served: Running, scene: Path):
     schemas = pytest.importorskip("neugrasp.server.schemas")
     answer = post(served, "/v1/detect?tsdf=true&surface=ply", parts_of(scene, *WHOLE)).json()
@@ -163,6 +169,7 @@ def test_the_description_page_loads_nothing_from_elsewhere(served: Running):
     assert httpx.get(f"{served.url}/static-offline-docs/swagger-ui-bundle.js").status_code == 200
 
 
+@pytest.mark.slow
 def test_life_and_readiness(served: Running):
     for path in ("/healthz", "/readyz", "/v2/health/live", "/v2/health/ready"):
         assert httpx.get(served.url + path).status_code == 200
@@ -174,6 +181,7 @@ def test_life_and_readiness(served: Running):
         served.service.is_ready = True
 
 
+@pytest.mark.slow
 def test_counters(served: Running, scene: Path):
     def counted() -> dict[str, float]:
         lines = httpx.get(f"{served.url}/metrics").text.splitlines()

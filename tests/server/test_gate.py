@@ -49,6 +49,7 @@ def detect(running: Running, scene: Path, **headers: str) -> httpx.Response:
     return httpx.post(f"{running.url}/v1/detect", files=parts_of(scene, *WHOLE), headers=headers, timeout=60)
 
 
+@pytest.mark.slow
 def test_a_token_is_asked_for(start: Start, scene: Path):
     running = start(token=TOKEN)
     assert detect(running, scene).status_code == 401
@@ -75,6 +76,7 @@ def test_pages_of_other_sites_are_not_talked_to(served: Running, headers: dict[s
     assert httpx.get(f"{served.url}/v1/weights", headers=own).status_code == status
 
 
+@pytest.mark.slow
 def test_who_has_the_token_may_come_by_any_name_but_not_from_another_page(start: Start):
     running = start(token=TOKEN)
     known = {"Authorization": f"Bearer {TOKEN}", "Host": "gpu-box.lab"}
@@ -101,6 +103,7 @@ def test_a_body_that_is_too_large_is_not_read(start: Start, says_length: bool):
 MULTIPART = "multipart/form-data; boundary=edge"
 
 
+@pytest.mark.slow
 def test_a_body_that_does_not_come_is_given_up(start: Start):
     running = start(patience_s=0.5)
     with socket.create_connection(("127.0.0.1", running.server.port)) as connection:
@@ -121,6 +124,7 @@ def test_more_pixels_than_are_read_are_refused_before_they_are_decoded(start: St
     assert "at most 0.05 megapixels" in answer.json()["detail"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("held")
 def test_overload_is_answered_with_429_and_when_to_come_again(start: Start, scene: Path):
     running = start(queue=2)
@@ -136,6 +140,7 @@ def test_overload_is_answered_with_429_and_when_to_come_again(start: Start, scen
     assert detect(running, scene).status_code == 200
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("held")
 def test_an_answer_that_takes_too_long_is_given_up(start: Start, scene: Path):
     running = start(patience_s=1.0)
@@ -145,6 +150,7 @@ def test_an_answer_that_takes_too_long_is_given_up(start: Start, scene: Path):
     assert until(lambda: detect(running, scene).status_code == 200, 120)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("held")
 def test_clients_that_are_killed_leave_nothing_behind(start: Start, scene: Path):
     """Neither a place in the queue, nor a file, nor a detection that nobody wants."""
@@ -176,6 +182,7 @@ def open_files() -> int:
     return len(list(Path("/proc/self/fd").iterdir()))
 
 
+@pytest.mark.slow
 def test_no_more_cells_than_there_is_room_for(start: Start, scene: Path):
     running = start(cells=2)
     parts = parts_of(scene, "scene", "background")
@@ -184,6 +191,7 @@ def test_no_more_cells_than_there_is_room_for(start: Start, scene: Path):
     assert "(a, b)" in answers[-1].json()["detail"]
 
 
+@pytest.mark.slow
 def test_the_log_has_one_line_for_each_request_and_no_photo(
     served: Running, scene: Path, caplog: pytest.LogCaptureFixture
 ):

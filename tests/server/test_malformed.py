@@ -200,6 +200,7 @@ def test_the_server_goes_on(client: httpx.Client, scene: Path, served: Running):
     assert 'status="500"' not in client.get("/metrics").text
 
 
+@pytest.mark.slow
 def test_photos_as_png_and_jpeg(client: httpx.Client, scene: Path):
     """What is not malformed: the same photos in another format."""
     from PIL import Image as Picture

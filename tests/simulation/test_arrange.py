@@ -60,6 +60,7 @@ def test_objects_stand_wherever_their_mesh_has_its_origin(world: World, kind: st
     assert body.position[2] + middle * body.scale == pytest.approx(0.05 + 0.025 * body.scale, abs=1.5e-3)
 
 
+@pytest.mark.slow
 def test_training_scenes_have_one_object_and_four_more_on_average(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:

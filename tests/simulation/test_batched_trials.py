@@ -57,6 +57,7 @@ def one_by_one(world: World, poses: Array) -> list[Trial]:
     return trials
 
 
+@pytest.mark.slow
 def test_a_series_ends_as_its_trials_do_one_by_one(world: World, clutter: Scene) -> None:
     world.reset(clutter)
     poses = poses_around(world, 0, 60)
@@ -71,6 +72,7 @@ def test_a_series_ends_as_its_trials_do_one_by_one(world: World, clutter: Scene)
     assert np.median(differences) < 5e-4
 
 
+@pytest.mark.slow
 def test_geometry_foresees_the_collisions_with_a_ball_that_rolls(world: World, toy: Toy, lay: Lay) -> None:
     """Its centre is not above where it rests: it moves by millimetres during an approach."""
     scene = lay(
@@ -95,6 +97,7 @@ def test_geometry_foresees_the_collisions_with_a_ball_that_rolls(world: World, t
     assert {None, ON_APPROACH} <= set(told)
 
 
+@pytest.mark.slow
 def test_what_comes_of_a_grasp_does_not_depend_on_the_others(world: World, clutter: Scene) -> None:
     """To the last bit, or labels would depend on what was labelled before."""
     world.reset(clutter)

@@ -68,6 +68,7 @@ def folder(_cache: None, tmp_path_factory: pytest.TempPathFactory) -> dict[str, 
     return in_folder(out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_the_same_files_as_in_a_folder(folder: dict[str, bytes], store: Any, tmp_path: Path, workers: int):
     made(small("memory://lab/packed", workers=workers))
@@ -81,6 +82,7 @@ def test_the_same_files_as_in_a_folder(folder: dict[str, bytes], store: Any, tmp
     assert read_record(tmp_path / "scenes/packed-4-000002").has_photos
 
 
+@pytest.mark.slow
 def test_what_fails_in_the_middle_goes_on_where_it_stopped(
     folder: dict[str, bytes], store: Any, monkeypatch: pytest.MonkeyPatch
 ):
@@ -112,6 +114,7 @@ def test_what_fails_in_the_middle_goes_on_where_it_stopped(
     assert store.created(first) == begun
 
 
+@pytest.mark.slow
 def test_another_data_set_is_not_mixed_in(store: Any):
     config = small("memory://lab/packed", num=1, photos=False)
     generate(config)
@@ -120,6 +123,7 @@ def test_another_data_set_is_not_mixed_in(store: Any):
     assert run(config) == "1 scenes in memory://lab/packed; copy it into a folder to learn from it"
 
 
+@pytest.mark.slow
 def test_a_url_of_this_machine_is_a_folder(tmp_path: Path):
     (scene,) = generate(small(f"file://{tmp_path}/out", num=1, photos=False))
     assert scene == tmp_path / "out/scenes/packed-4-000000"

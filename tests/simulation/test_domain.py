@@ -53,6 +53,7 @@ def asked(domain: Domain, cell: Cell, scene: Scene | None) -> tuple[Cell, list[n
     return renders.cells[0], photos
 
 
+@pytest.mark.slow
 def test_poses_are_wrong_by_what_the_lab_says_and_the_same_for_every_scene(workspace: Workspace):
     cell = cell_of(LAB, workspace)
     first, _ = asked(LAB, cell, Scene("pile", 1, (BODY,)))
@@ -73,6 +74,7 @@ def test_poses_are_wrong_by_what_the_lab_says_and_the_same_for_every_scene(works
     assert len({off.tobytes() for off in offs}) == len(offs)
 
 
+@pytest.mark.slow
 def test_the_empty_table_was_lit_otherwise_and_what_the_scenes_see_is_fixed(workspace: Workspace):
     cell = cell_of(LAB, workspace)
     now, _ = asked(LAB, cell, Scene("pile", 1, (BODY,)))
@@ -106,6 +108,7 @@ def test_photos_of_the_lab_are_whole_and_the_workspace_lies_in_what_is_rendered(
         assert bottom >= min(box[3], 359.5)
 
 
+@pytest.mark.slow
 def test_the_same_scene_has_the_same_noise_and_another_scene_another(workspace: Workspace):
     cell = cell_of(LAB, workspace)
     taking = DomainRenderer(LAB, Noise())

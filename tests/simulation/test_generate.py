@@ -83,6 +83,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory, photographers: ModuleT
     return out
 
 
+@pytest.mark.slow
 def test_records_hold_what_was_simulated(undisturbed: Path) -> None:
     records = [read_record(folder) for folder in sorted((undisturbed / "scenes").iterdir())]
     assert [record.name for record in records] == [f"packed-4-{index:06d}" for index in range(3)]
@@ -160,6 +161,7 @@ def test_two_workers_give_the_same_bytes(
     assert digest(tmp_path) == digest(undisturbed)
 
 
+@pytest.mark.slow
 def test_the_order_of_scenes_makes_no_difference(
     undisturbed: Path, tmp_path: Path, photographers: ModuleType
 ) -> None:
@@ -172,6 +174,7 @@ def test_the_order_of_scenes_makes_no_difference(
         assert made == {name: expected[f"scenes/{folder.name}/{name}"] for name in made}
 
 
+@pytest.mark.slow
 def test_a_longer_run_begins_with_the_shorter_one(
     undisturbed: Path, tmp_path: Path, photographers: ModuleType
 ) -> None:
@@ -264,6 +267,7 @@ def own(tmp_path: Path, own_files: dict[str, Path], **changes: Any) -> Generate:
     return small(tmp_path / "out", **{"photos": False, "num": 1, **files, **changes})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "old", "new", "named"),
     [
@@ -294,6 +298,7 @@ def test_a_run_does_not_go_on_with_other_files_of_the_same_name(
     assert len(generate(replace(config, num=2))) == 2
 
 
+@pytest.mark.slow
 def test_a_data_set_from_before_the_hashes_goes_on(tmp_path: Path, own_files: dict[str, Path]) -> None:
     config = own(tmp_path, own_files)
     generate(config)
@@ -308,6 +313,7 @@ def test_a_data_set_from_before_the_hashes_goes_on(tmp_path: Path, own_files: di
         generate(config)
 
 
+@pytest.mark.slow
 def test_a_damaged_record_is_made_again_as_its_message_says(
     tmp_path: Path, own_files: dict[str, Path]
 ) -> None:
@@ -363,6 +369,7 @@ def test_more_targets_leave_all_else_as_it_is(
     assert more.cell["targets"] == [4, 5, 6, 7]
 
 
+@pytest.mark.slow
 def test_samples_reach_the_renderer(
     tmp_path: Path, photographers: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -407,6 +414,7 @@ def test_a_full_disk_is_one_clear_error_and_leaves_nothing_half_written(
     assert not list((tmp_path / "scenes").glob("*"))
 
 
+@pytest.mark.slow
 def test_an_arrangement_that_fails_is_drawn_anew_and_never_dropped(
     tmp_path: Path, photographers: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:

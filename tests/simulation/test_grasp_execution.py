@@ -131,6 +131,7 @@ def clutter(toy: Toy) -> tuple[Body, ...]:
     )
 
 
+@pytest.mark.slow
 def test_trials_do_not_depend_on_their_order(world: World, toy: Toy, lay: Lay) -> None:
     lay(*clutter(toy))
     grasps = [
@@ -151,6 +152,7 @@ def test_trials_do_not_depend_on_their_order(world: World, toy: Toy, lay: Lay) -
     assert outcomes([0, 1, 2]) == outcomes([2, 1, 0])
 
 
+@pytest.mark.slow
 def test_labels_hold_when_they_are_executed(world: World, toy: Toy, lay: Lay) -> None:
     lay(*clutter(toy))
     world.settle()
@@ -171,6 +173,7 @@ def test_labels_hold_when_they_are_executed(world: World, toy: Toy, lay: Lay) ->
         assert trial.width == pytest.approx(labels.widths[i], abs=1e-3)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_labels(world: World, toy: Toy, lay: Lay) -> None:
     found = []
     for _ in range(2):

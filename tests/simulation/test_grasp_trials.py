@@ -25,6 +25,8 @@ from neugrasp.simulation.grasp_trials import (
 from neugrasp.simulation.mesh_distance import mesh_distance
 from neugrasp.simulation.physics import World
 
+pytestmark = pytest.mark.slow
+
 TABLE = 0.05
 FEW = TrialSettings(points=12, removed=(0, 1, 2), yaws=3)
 

@@ -94,6 +94,7 @@ def test_the_union_is_the_least_of_all_bodies_and_the_table(
     np.testing.assert_allclose(union_distance(each, WORKSPACE), expected, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_moving_bodies_by_voxels_moves_the_grid(world: World, toy: Toy) -> None:
     high = [toy("box 0.05 0.04 0.03", (0.12, 0.15, 0.15)), toy("ball 0.02", (0.15, 0.17, 0.18))]
     steps = np.array([3, -2, 4])
@@ -144,6 +145,7 @@ def settled(world: World, toy: Toy, tilted: tuple[float, ...]) -> tuple[Body, ..
     return world.bodies()
 
 
+@pytest.mark.slow
 def test_where_a_view_looks_straight_at_a_surface_the_fused_grid_agrees_and_is_never_nearer(
     world: World, settled: tuple[Body, ...]
 ) -> None:
@@ -167,6 +169,7 @@ def test_where_a_view_looks_straight_at_a_surface_the_fused_grid_agrees_and_is_n
         assert np.mean(surplus[where] > -half_a_pixel) > 0.99
 
 
+@pytest.mark.slow
 def test_all_views_together_see_the_same_surface(world: World, settled: tuple[Body, ...]) -> None:
     """Both change their sign at the same place, to half a voxel."""
     fused, grid = scan(world, WORKSPACE), mesh_distance(settled, world._library, WORKSPACE)

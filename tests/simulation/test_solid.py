@@ -77,6 +77,7 @@ def test_what_is_left_out_is_never_nearer() -> None:
     np.testing.assert_allclose(unsigned_distance(points, heap, LIMIT), expected, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_no_point_of_a_triangle_is_nearer_than_its_distance_says_and_one_is_as_near() -> None:
     rng = np.random.default_rng(2)
     a, b, c = rng.uniform(-1, 1, (3, 3))
@@ -91,6 +92,7 @@ def test_no_point_of_a_triangle_is_nearer_than_its_distance_says_and_one_is_as_n
     np.testing.assert_allclose(distances, nearest, atol=5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("triangles", [ball(0.04), block(0.05, 0.06, 0.07)], ids=["ball", "box"])
 def test_the_gradient_has_length_one_away_from_the_medial_axis(triangles: Array) -> None:
     step, points = 1e-6, around(triangles, 1000, 0.02)
@@ -109,6 +111,7 @@ def test_the_gradient_has_length_one_away_from_the_medial_axis(triangles: Array)
     assert np.mean(np.abs(lengths - 1) < 1e-4) > 0.99
 
 
+@pytest.mark.slow
 def test_moving_solid_and_points_together_changes_nothing() -> None:
     world_from_mesh = from_quaternion((0.1, -0.5, 0.3, 0.8), (0.15, 0.2, 0.1))
     for triangles in (ball(0.03), cup(0.04, 0.08, 0.004)):
@@ -117,6 +120,7 @@ def test_moving_solid_and_points_together_changes_nothing() -> None:
         np.testing.assert_allclose(moved, signed_distance(points, triangles, LIMIT), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_an_open_cup_is_hollow() -> None:
     radius, height, wall = 0.04, 0.08, 0.004
     triangles = cup(radius, height, wall)
@@ -139,6 +143,7 @@ def test_a_closed_cavity_is_outside() -> None:
     np.testing.assert_allclose(found, [0.03, -0.005, 0.01], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_mesh_turned_inside_out_is_the_same_solid() -> None:
     points, triangles = around(ball(0.03)), ball(0.03)
     there = signed_distance(points, triangles, LIMIT)
@@ -152,6 +157,7 @@ def test_winding_numbers_count() -> None:
     np.testing.assert_allclose(winding_numbers(points, twice), [2, 1, 0], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_small_hole_is_closed_and_a_missing_lid_opens_a_box_where_half_of_all_is_free() -> None:
     holed = ball(0.03)[1:]
     points = around(holed)
@@ -166,6 +172,7 @@ def test_a_small_hole_is_closed_and_a_missing_lid_opens_a_box_where_half_of_all_
     np.testing.assert_array_equal(np.sign(found), [-1, 1, -1])
 
 
+@pytest.mark.slow
 def test_the_distance_to_a_box_around_triangles_is_never_more_than_that_to_them() -> None:
     triangles = ball(0.03)
     points = around(triangles)

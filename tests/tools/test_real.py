@@ -72,6 +72,7 @@ def from_above(x: float, y: float) -> Grasp:
     return Grasp(rigid(down, (x, y, PLACE[2] + HEIGHT - 0.03)), 2 * RADIUS)
 
 
+@pytest.mark.slow
 def test_the_measured_object_stands_where_it_was_measured(judge: Judge):
     assert judge.lifted_mm == pytest.approx([0], abs=0.6)
     assert judge.settled_mm == pytest.approx([0], abs=1.2)

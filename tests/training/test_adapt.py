@@ -140,6 +140,7 @@ def test_recipes_that_need_truth_are_refused_by_name(cell: Path, tmp_path: Path)
         configured(replace(run, recipe="adapt"))
 
 
+@pytest.mark.slow
 def test_one_scene_leaves_none_to_keep_aside(tmp_path: Path, start: Path):
     capture(tmp_path / "single" / "0", 0)
     run = Train(recipe="adapt", init=str(start), data=(tmp_path / "single",), out=tmp_path / "out", loaders=0)

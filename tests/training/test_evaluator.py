@@ -101,6 +101,7 @@ def test_each_trial_is_seen_in_its_own_grid():
     assert together.success.tolist() == [*one.success, *other.success]
 
 
+@pytest.mark.slow
 def test_stopped_and_resumed_equals_never_stopped(data, tmp_path):
     whole = train_evaluator(EvaluatorRun(data=(data,), out=tmp_path / "whole", config=TINY))
     parts = EvaluatorRun(data=(data,), out=tmp_path / "parts", config=TINY, resume=True)
@@ -120,6 +121,7 @@ def test_stopped_and_resumed_equals_never_stopped(data, tmp_path):
         train_evaluator(replace(parts, data=(changed,)))
 
 
+@pytest.mark.slow
 def test_it_learns_where_a_ball_is_held(data, tmp_path):
     config = replace(TINY, steps=150, batch=64, checkpoint_every=150)
     weights = train_evaluator(EvaluatorRun(data=(data,), out=tmp_path, config=config))

@@ -19,6 +19,7 @@ from .conftest import BALL, RADIUS, WORLD_FROM_WORKSPACE
 ABOVE, DOWN = np.array((0.0, 0.0, 1.0)), np.array((0.0, 0.0, -1.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("eye", [(0.15, 0.15, 0.6), (0.5, 0.15, 0.08), (-0.2, -0.3, 0.5), (0.15, 0.15, 5.0)])
 def test_a_line_of_sight_meets_what_it_is_aimed_at(data: SceneData, eye: tuple[float, ...]):
     grid = data.moments[0].tsdf

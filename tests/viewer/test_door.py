@@ -33,6 +33,7 @@ def taken() -> Iterator[int]:
         yield other.getsockname()[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("port", [-1, 65536, 99999, 2**40])
 def test_what_is_no_port_ends_at_once(port: int, kept_capture: Capture, capsys: pytest.CaptureFixture[str]):
     assert cli.main(["view", str(kept_capture.prediction), "--port", str(port)]) == 2
@@ -99,6 +100,7 @@ def test_only_pages_of_the_viewer_itself_are_welcome(origin: str | None, asked: 
     assert is_welcome(origin, asked, HERE) is is_let_in
 
 
+@pytest.mark.slow
 @needs_viser
 @pytest.mark.filterwarnings("ignore::DeprecationWarning:websockets.*")
 def test_the_server_talks_to_its_own_page_alone(data: SceneData):

@@ -83,6 +83,7 @@ def test_a_record_brings_its_truth_with_grasps_at_the_tcp(tmp_path: Path):
         assert np.allclose(marker.grasp.position, point - (0, 0, gripper.tcp_depth), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_truth_is_drawn_when_it_is_asked_for(tmp_path: Path):
     write_record(tmp_path / "record", ball_record(size=64))
     data = opened(tmp_path / "record")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from neugrasp.geometry.pose import Array
 
@@ -17,8 +18,8 @@ SLOPE_STEPS = 512
 class Lens:
     """A pinhole with OpenCV's radial and tangential distortion; pixel centres at integers."""
 
-    intrinsics: Array
-    """3x3, pixels, no skew."""
+    intrinsics: Float[np.ndarray, "3 3"]
+    """Pixels, no skew."""
     width: int
     height: int
     """Height of the photos that it was calibrated for, pixels."""
@@ -33,21 +34,21 @@ class Lens:
         return any((*self.radial, *self.tangential))
 
     @property
-    def coefficients(self) -> Array:
+    def coefficients(self) -> Float[np.ndarray, " 5"]:
         """(k1, k2, p1, p2, k3), in OpenCV's order."""
         return np.array([*self.radial[:2], *self.tangential, self.radial[2]])
 
-    def pixel_grid(self) -> Array:
-        """The centres (height, width, 2) of all pixels."""
+    def pixel_grid(self) -> Float[np.ndarray, "height width 2"]:
+        """The centres of all pixels."""
         u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
         return np.stack([u, v], axis=-1).astype(np.float64)
 
-    def normalised(self, pixels: Array) -> Array:
-        """Pixels (..., 2) of the ideal pinhole as x / z and y / z in the camera's frame."""
+    def normalised(self, pixels: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:
+        """Pixels of the ideal pinhole as x / z and y / z in the camera's frame."""
         return np.asarray((pixels - self._centre) / self._focal)
 
-    def distorted(self, pixels: Array) -> Array:
-        """Where the photo really shows what an ideal pinhole would show at `pixels` (..., 2).
+    def distorted(self, pixels: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:
+        """Where the photo really shows what an ideal pinhole would show at `pixels`.
 
         NaN where the polynomial folds back: beyond its own turning point it means nothing.
         """
@@ -67,8 +68,8 @@ class Lens:
         bent[square > self._turning_point(float(square.max(initial=0.0)))] = np.nan
         return np.asarray(bent * self._focal + self._centre)
 
-    def ideal(self, pixels: Array) -> Array:
-        """Where an ideal pinhole would show what the photo shows at `pixels` (n, 2), by substitution."""
+    def ideal(self, pixels: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+        """Where an ideal pinhole would show what the photo shows at `pixels`, by substitution."""
         found = pixels.copy()
         for _ in range(IDEAL_STEPS if self.is_distorted else 0):
             found += np.nan_to_num(pixels - self.distorted(found))
