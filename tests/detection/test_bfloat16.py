@@ -11,13 +11,12 @@ from neugrasp.data.scene_folder import read_scene
 from neugrasp.demo.bundled import demo_scenes
 from neugrasp.detection.detector import NeuGraspDetector
 
-FIRST, *OTHERS = [scene.name for scene in demo_scenes()]
-
-
+NAMES = [scene.name for scene in demo_scenes()]
 VOXEL = 0.0075
 
 
-@pytest.mark.parametrize("name", [FIRST, *(pytest.param(name, marks=pytest.mark.slow) for name in OTHERS)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
 def test_the_best_grasp_of_a_bundled_scene_is_found_in_bfloat16_too(name: str):
     """It keeps its place, turn and width; scores move by less than 0.01, so equals may change places."""
     (scene,) = [scene for scene in demo_scenes() if scene.name == name]

@@ -120,6 +120,7 @@ def test_every_record_is_tried_once_by_every_detector(run: OneShot, summary: dic
         assert (attempt["num_grasps"] == 0) == (attempt["reason"] == "nothing detected")
 
 
+@pytest.mark.slow
 def test_the_summary_counts_what_was_tried(run: OneShot, summary: dict[str, Any]) -> None:
     attempts = attempts_in(run.out)
     assert set(summary["success"]) == {f"{kind}/{d}" for kind in KINDS for d in DETECTORS}

@@ -178,6 +178,7 @@ def test_killed_at_any_moment_it_goes_on_to_the_same_metrics(undisturbed: Path, 
     assert told(out) == told(undisturbed)
 
 
+@pytest.mark.slow
 def test_another_evaluation_is_refused_and_nothing_is_touched(undisturbed: Path):
     before = (undisturbed / "metrics.json").read_bytes()
     for changes, message in (

@@ -82,6 +82,7 @@ def test_the_camera_is_found_from_one_photo(board: Board, cameras: list[Camera],
         assert sighting.error < 0.3
 
 
+@pytest.mark.slow
 def test_corners_lie_on_average_where_the_camera_sees_them(
     board: Board, cameras: list[Camera], photos: list[np.ndarray]
 ):

@@ -38,6 +38,7 @@ def test_the_pose_is_found_and_said_as_a_cell_file_has_it(capture: Path):
     assert said.text.splitlines()[-1] == "next: neugrasp cell check CELL.toml"
 
 
+@pytest.mark.slow
 def test_few_photos_are_called_weak_and_the_program_ends_with_one(capture: Path):
     data = json.loads((capture / "robot.json").read_text())
     few = capture / "few.json"

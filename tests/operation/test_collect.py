@@ -125,6 +125,7 @@ def test_killed_at_any_instant_it_goes_on_to_the_same_set(collected: Path, tmp_p
     assert content(out) == content(collected)
 
 
+@pytest.mark.slow
 def test_another_collection_in_the_folder_is_refused_and_the_end_says_what_to_do(collected: Path):
     with pytest.raises(InputError, match="was made with grasps = 6, not 7"):
         collect(replace(little(collected), grasps=7), Drawing)

@@ -213,7 +213,8 @@ SCRIPT = """
 """
 
 
-@pytest.mark.parametrize("kills", [3, pytest.param(20, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("kills", [3, 20])
 def test_killed_at_any_moment_it_goes_on_to_the_same_bytes(
     kills: int, undisturbed: Path, tmp_path: Path, photographers: ModuleType
 ) -> None:
