@@ -91,14 +91,11 @@ class CollisionFilter:
         works; what is held deeper slips less (docs/training_log.md). No tolerance here: a hand is moved only
         through what is free.
         """
-        margin, going = np.zeros(len(poses)), np.arange(len(poses))
-        for depth in STEP * np.arange(round(DEEPER * self.finger_depth / STEP) + 1):
-            if not len(going):
-                break
-            ahead = poses[going] @ rigid(translation=(0, 0, depth))
-            going = going[self.clearance(tsdf, workspace, ahead, widths[going]) > 0]
-            margin[going] = depth
-        return margin
+        depths = STEP * np.arange(round(DEEPER * self.finger_depth / STEP) + 1)
+        ahead = np.concatenate([poses @ rigid(translation=(0, 0, depth)) for depth in depths])
+        clearance = self.clearance(tsdf, workspace, ahead, np.tile(widths, len(depths)))
+        free = clearance.reshape(len(depths), len(poses)) > 0
+        return STEP * np.maximum(np.cumprod(free, axis=0).sum(axis=0) - 1, 0)
 
     def passes(
         self,

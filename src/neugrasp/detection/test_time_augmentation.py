@@ -40,7 +40,7 @@ def predict_grasps(
 
     def rotations(voxels: Int64[np.ndarray, "n 3"]) -> Float32[np.ndarray, "n 4"]:
         flat = np.ravel_multi_index(tuple(voxels.T), tsdf.shape)
-        places = np.arange(tsdf.size).reshape(tsdf.shape)
+        places = np.arange(tsdf.size, dtype=np.int32).reshape(tsdf.shape)
         turned = []
         for one, quaternions in zip(undo, volume.rotation.flatten(2), strict=True):
             there = torch.from_numpy(one.of_grid(places).ravel()[flat]).to(quaternions.device)
