@@ -6,6 +6,7 @@ to sum to one; no softmax.
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from jaxtyping import Bool, Float
@@ -37,7 +38,9 @@ def same_head(dim: int, heads: int) -> Float[Tensor, "{dim} {dim}"]:
     """
     if dim % heads:
         raise ValueError(f"width {dim} is not a multiple of {heads} heads")
-    return torch.block_diag(*torch.ones(heads, dim // heads, dim // heads))
+    # By NumPy: PyTorch, asked for shapes only, would load its compiler for it, which takes two seconds.
+    block = np.ones((dim // heads, dim // heads), dtype=np.float32)
+    return torch.from_numpy(np.kron(np.eye(heads, dtype=np.float32), block))
 
 
 class ViewTransformer(nn.Module):

@@ -131,7 +131,8 @@ class ResidualAttention(nn.Module):
         self.gate = nn.Sequential(nn.Conv2d(dim, dim // 2, 1), nn.ReLU(), nn.Conv2d(dim // 2, dim, 1))
         self.out = nn.Conv2d(dim, dim, 1)
         for module in self.modules():
-            if isinstance(module, nn.Conv2d):
+            # Where only shapes are asked for, drawing would load PyTorch's compiler, which takes two seconds.
+            if isinstance(module, nn.Conv2d) and not module.weight.is_meta:
                 nn.init.kaiming_normal_(module.weight)
         # Where nothing changed the gate sees zeros from the start.
         self.query.weight.data.copy_(self.key.weight.data)
