@@ -25,9 +25,11 @@ def feature_map(x: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
 
 
 def linear(dim_in: int, dim_out: int) -> nn.Linear:
-    """A bias-free linear layer, Xavier-initialised."""
-    layer = nn.utils.skip_init(nn.Linear, dim_in, dim_out, bias=False)
-    nn.init.xavier_uniform_(layer.weight)
+    """A bias-free linear layer, Xavier-initialised; nothing is drawn besides."""
+    layer = nn.Linear(dim_in, dim_out, bias=False, device="meta")
+    layer.weight = nn.Parameter(torch.empty(dim_out, dim_in))
+    if not layer.weight.is_meta:  # as in `same_head`
+        nn.init.xavier_uniform_(layer.weight)
     return layer
 
 
@@ -56,7 +58,9 @@ class ViewTransformer(nn.Module):
         super().__init__()
         self.heads = heads
         self.register_buffer("same_head", same_head(dim, heads), persistent=False)
-        self.token = nn.Parameter(torch.randn(dim, 1))
+        self.token = nn.Parameter(torch.empty(dim, 1))
+        if not self.token.is_meta:  # as in `same_head`
+            nn.init.normal_(self.token)
         self.query = linear(dim, dim)
         self.key = linear(dim, dim)
         self.value = linear(dim, dim)

@@ -94,7 +94,9 @@ class FeatureNet(nn.Module):
         super().__init__()
         first, second, third = (config.encoder_width * k for k in (1, 2, 4))
         blocks = config.encoder_blocks
-        self.stem = nn.Sequential(ReflectedConv(3, first, kernel=7, stride=2), norm(first), nn.ReLU(inplace=True))
+        self.stem = nn.Sequential(
+            ReflectedConv(3, first, kernel=7, stride=2), norm(first), nn.ReLU(inplace=True)
+        )
         self.stage1 = _stage(first, first, blocks[0])
         self.stage2 = _stage(first, second, blocks[1])
         self.stage3 = _stage(second, third, blocks[2])
