@@ -20,8 +20,9 @@ EPSILON = 1e-6
 
 def feature_map(x: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
     """elu(x) + 1, which is positive."""
-    # On a CPU, expm1 takes longer than what fusing it saves.
-    return F.elu(x) + 1 if torch.is_grad_enabled() else view_attention.positive(x)
+    if x.device.type == "cpu" and not torch.is_grad_enabled():
+        return view_attention.positive(x)  # expm1 takes longer than what fusing it saves
+    return F.elu(x) + 1
 
 
 def linear(dim_in: int, dim_out: int) -> nn.Linear:
