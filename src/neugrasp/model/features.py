@@ -62,7 +62,7 @@ class ResidualBlock(nn.Module):
         self.body = nn.Sequential(
             ReflectedConv(channels_in, channels_out, stride=stride),
             norm(channels_out),
-            nn.ReLU(inplace=True),
+            nn.ReLU(),
             ReflectedConv(channels_out, channels_out),
             norm(channels_out),
         )
@@ -74,7 +74,7 @@ class ResidualBlock(nn.Module):
 
     def forward(self, x: Float[Tensor, "images channels height width"]) -> Float[Tensor, "images out _ _"]:
         """The maps, height and width divided by the stride."""
-        return F.relu(self.body(x) + self.shortcut(x), inplace=True)
+        return F.relu(self.body(x) + self.shortcut(x))
 
 
 def _stage(channels_in: int, channels_out: int, blocks: int) -> nn.Sequential:
@@ -84,7 +84,7 @@ def _stage(channels_in: int, channels_out: int, blocks: int) -> nn.Sequential:
 
 
 def _fuse(channels_in: int, channels_out: int) -> nn.Sequential:
-    return nn.Sequential(ReflectedConv(channels_in, channels_out), norm(channels_out), nn.ELU(inplace=True))
+    return nn.Sequential(ReflectedConv(channels_in, channels_out), norm(channels_out), nn.ELU())
 
 
 class FeatureNet(nn.Module):
@@ -94,9 +94,7 @@ class FeatureNet(nn.Module):
         super().__init__()
         first, second, third = (config.encoder_width * k for k in (1, 2, 4))
         blocks = config.encoder_blocks
-        self.stem = nn.Sequential(
-            ReflectedConv(3, first, kernel=7, stride=2), norm(first), nn.ReLU(inplace=True)
-        )
+        self.stem = nn.Sequential(ReflectedConv(3, first, kernel=7, stride=2), norm(first), nn.ReLU())
         self.stage1 = _stage(first, first, blocks[0])
         self.stage2 = _stage(first, second, blocks[1])
         self.stage3 = _stage(second, third, blocks[2])

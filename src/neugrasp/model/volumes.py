@@ -27,7 +27,7 @@ def _block(channels_in: int, channels_out: int, stride: int = 1) -> nn.Sequentia
     return nn.Sequential(
         nn.Conv3d(channels_in, channels_out, 3, stride, 1, bias=False),
         GroupNorm(max(1, channels_out // 8), channels_out),
-        nn.ReLU(inplace=True),
+        nn.ReLU(),
     )
 
 
