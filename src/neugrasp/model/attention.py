@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from neugrasp.kernels import view_attention
+from neugrasp.model.initial import fill
 
 EPSILON = 1e-6
 """Added to the sum of a query's weights."""
@@ -29,8 +30,7 @@ def linear(dim_in: int, dim_out: int) -> nn.Linear:
     """A bias-free linear layer, Xavier-initialised; nothing is drawn besides."""
     layer = nn.Linear(dim_in, dim_out, bias=False, device="meta")
     layer.weight = nn.Parameter(torch.empty(dim_out, dim_in))
-    if not layer.weight.is_meta:  # as in `same_head`
-        nn.init.xavier_uniform_(layer.weight)
+    fill(layer.weight, nn.init.xavier_uniform_)
     return layer
 
 
@@ -41,7 +41,7 @@ def same_head(dim: int, heads: int) -> Float[Tensor, "{dim} {dim}"]:
     """
     if dim % heads:
         raise ValueError(f"width {dim} is not a multiple of {heads} heads")
-    # By NumPy: PyTorch, asked for shapes only, would load its compiler for it, which takes two seconds.
+    # By NumPy: PyTorch, asked for shapes only, would load its compiler for it (`initial.fill`).
     block = np.ones((dim // heads, dim // heads), dtype=np.float32)
     return torch.from_numpy(np.kron(np.eye(heads, dtype=np.float32), block))
 
@@ -60,8 +60,7 @@ class ViewTransformer(nn.Module):
         self.heads = heads
         self.register_buffer("same_head", same_head(dim, heads), persistent=False)
         self.token = nn.Parameter(torch.empty(dim, 1))
-        if not self.token.is_meta:  # as in `same_head`
-            nn.init.normal_(self.token)
+        fill(self.token, nn.init.normal_)
         self.query = linear(dim, dim)
         self.key = linear(dim, dim)
         self.value = linear(dim, dim)
@@ -123,7 +122,7 @@ class RayTransformer(nn.Module):
         self.norm_mlp = nn.LayerNorm(dim)
         for module in self.modules():
             if isinstance(module, nn.Linear):
-                nn.init.xavier_uniform_(module.weight)
+                fill(module.weight, nn.init.xavier_uniform_)
 
     def forward(
         self, x: Float[Tensor, "rays samples channels"], query_mask: Bool[Tensor, "rays samples"]

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from neugrasp.geometry.sampling import full_precision
 from neugrasp.model.config import ModelConfig
+from neugrasp.model.initial import fill
 from neugrasp.model.norm import GroupNorm
 
 CHANGE_GAIN = 4.0
@@ -131,9 +132,8 @@ class ResidualAttention(nn.Module):
         self.gate = nn.Sequential(nn.Conv2d(dim, dim // 2, 1), nn.ReLU(), nn.Conv2d(dim // 2, dim, 1))
         self.out = nn.Conv2d(dim, dim, 1)
         for module in self.modules():
-            # Where only shapes are asked for, drawing would load PyTorch's compiler, which takes two seconds.
-            if isinstance(module, nn.Conv2d) and not module.weight.is_meta:
-                nn.init.kaiming_normal_(module.weight)
+            if isinstance(module, nn.Conv2d):
+                fill(module.weight, nn.init.kaiming_normal_)
         # Where nothing changed the gate sees zeros from the start.
         self.query.weight.data.copy_(self.key.weight.data)
 
