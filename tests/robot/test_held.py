@@ -69,7 +69,7 @@ def test_a_way_that_would_sweep_it_through_the_table_is_refused(
     grasp.pose[2, 3] = 0.155
     held = held_box(grasp, seen)
     assert held is not None
-    checker = motion.checker(seen.surface(), seen.surface(0.006))
+    checker = motion.checker(seen.surface(), 0.006)
     low = motion.solutions(down_at(0.12, -0.16, 0.11), cell.drop)[0]
     empty = motion.pick(cell.out_of_sight, grasp, low, checker)
     assert lowest_of(held, motion, empty.approach.joints[-1], [empty.way_out.joints]) < -0.02
@@ -87,7 +87,7 @@ def test_fingers_that_swing_stand_deeper_and_close_at_the_grasp(cell: CellFile, 
     driver = replace(cell.arm, driver="ur")
     real = planner_of(replace(cell, arm=driver))
     grasp = replace(grasp_of(TALL), width=0.03)
-    checker = real.checker(seen.surface(), seen.surface(0.006))
+    checker = real.checker(seen.surface(), 0.006)
     plan = real.pick(cell.out_of_sight, grasp, cell.drop, checker, held_box(grasp, seen))
     deeper = float(cell.gripper.gripper.tip_setback(0.03))
     assert deeper > 0.0005

@@ -84,10 +84,9 @@ class Detection:
             )
         return self.tsdf
 
-    def surface(self, offset: float = 0.0) -> Surface:
-        """The mesh in the user's world, or `offset` metres in front of it. Raises `InputError` as `grid`."""
-        surface = surface_of(self.grid(), self.workspace, offset)
-        return surface.moved(self.workspace.world_from_workspace)
+    def surface(self) -> Surface:
+        """The mesh in the user's world. Raises `InputError` as `grid`."""
+        return surface_of(self.grid(), self.workspace).moved(self.workspace.world_from_workspace)
 
     def to_dict(self, with_surface: bool = False) -> dict[str, Any]:
         """The content of grasps.json: plain data that JSON can hold, with the grid only if asked for."""

@@ -28,18 +28,16 @@ class Surface:
         return replace(self, vertices=apply(new_from_old, self.vertices))
 
 
-def surface_of(tsdf: ArrayLike, workspace: Workspace, offset: float = 0.0) -> Surface:
-    """The surface in the workspace frame of a grid [x, y, z] in [-1, 1] (positive outside) by marching cubes;
-    or what lies `offset` metres in front of it, less than a truncation.
+def surface_of(tsdf: ArrayLike, workspace: Workspace) -> Surface:
+    """The surface in the workspace frame of a grid [x, y, z] in [-1, 1] (positive outside) by marching cubes.
 
-    Empty where the grid has no such place. The mesh is open at the faces of the cube. Raises `InputError`
+    Empty where the grid changes sign nowhere. The mesh is open at the faces of the cube. Raises `InputError`
     where the grid contains NaN or infinity.
     """
-    level = offset / workspace.truncation
     grid = np.asarray(tsdf, dtype=np.float32)
     if not np.all(np.isfinite(grid)):
         raise InputError("the grid of distances contains NaN or infinity; the weights are damaged")
-    if grid.min() >= level or grid.max() <= level:
+    if grid.min() >= 0 or grid.max() <= 0:
         return Surface(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32))
-    index, faces, _, _ = marching_cubes(grid, level=level, gradient_direction="descent")
+    index, faces, _, _ = marching_cubes(grid, level=0.0, gradient_direction="descent")
     return Surface(workspace.position_of(index), faces.astype(np.int32))

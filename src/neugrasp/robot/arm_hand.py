@@ -58,9 +58,8 @@ class ArmHand:
     def prepare(self, grasp: Grasp, detection: Detection) -> ArmHand:
         """Plans all motions of a grasp past the detected surface. As `Manipulator.prepare`."""
         if self._checker is None or self._seen is not detection:
-            has_surface = detection.tsdf is not None
-            seen = (detection.surface(), detection.surface(CLEARANCE)) if has_surface else ()
-            self._checker, self._seen = self._motion.checker(*seen), detection
+            surface = None if detection.tsdf is None else detection.surface()
+            self._checker, self._seen = self._motion.checker(surface, CLEARANCE), detection
         held = held_box(grasp, detection)
         self._plan = self._motion.pick(self._joints(), grasp, self._places.drop, self._checker, held)
         self._asked = grasp

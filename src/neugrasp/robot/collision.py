@@ -37,8 +37,8 @@ class Surroundings:
     keep_out: tuple[Box, ...] = ()
     surface: Surface | None = None
     """What was seen on the table."""
-    wide: Surface | None = None
-    """The same with the distance that is kept from it on ways in the open; None: the same."""
+    clearance: float = 0.0
+    """Metres that everything keeps from the surface on ways in the open."""
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,7 @@ class CollisionChecker:
         self._lowered_table = self._box(base_from_table, TABLE_SLACK)
         self._keep_out = [self._kept_out(base_from_world, box) for box in around.keep_out]
         self._surface = self._mesh(base_from_world, around.surface)
-        wide = around.surface if around.wide is None else around.wide
-        self._wide = self._mesh(base_from_world, wide)
+        self._wide = self._widened(tool, around.clearance) if self._surface is not None else []
         self._self_pairs = self._pairs()
 
     def carrying(self, fingers: Sequence[Array], held: Array | None) -> Carried:
@@ -91,30 +90,46 @@ class CollisionChecker:
         for body in (*held, *(() if carried is None else fingers)):
             self._put(body, frames[-1])
         links = [body for frame, body, _ in self._links if frame >= LOWEST_LINK]
-        surface = self._surface if grasping else self._wide
-        solid = [self._table, *self._keep_out] + ([] if surface is None else [surface])
         apart = (*self._camera, *self._palm, *reversed(links))
-        around_fingers = [self._lowered_table, *self._keep_out] if grasping else solid
+        lowered = (self._lowered_table, *self._keep_out)
+        solid = (self._table, *self._keep_out)
         return not (
-            self._any((body, other) for body in fingers for other in around_fingers)
-            or self._any((body, other) for body in held for other in (self._lowered_table, *self._keep_out))
+            self._any((body, other) for body in fingers for other in (lowered if grasping else solid))
+            or self._any((body, other) for body in held for other in lowered)
             or self._any((body, link) for body in held for link in links if link is not self._links[-1][1])
+            or self._meets_surface(apart if grasping else [body for _, body, _ in self._wide])
             or self._any((body, other) for body in apart for other in solid)
             or self._any(self._self_pairs)
         )
+
+    def _meets_surface(self, bodies: Iterable[Any]) -> bool:
+        return self._surface is not None and self._any((body, self._surface) for body in bodies)
 
     def _any(self, pairs: Iterable[tuple[Any, Any]]) -> bool:
         result = self._fcl.CollisionResult
         return any(self._fcl.collide(a, b, self._request, result()) for a, b in pairs)
 
     def _place(self, frames: Array) -> None:
-        for frame, body, in_frame in self._links:
+        for frame, body, in_frame in (*self._links, *self._wide):
             self._put(body, frames[frame] @ in_frame)
         for body in (self._hand, *self._palm, *self._fingers, *self._camera):
             self._put(body, frames[-1])
 
     def _put(self, body: Any, base_from_body: Array) -> None:
         body.setTransform(self._fcl.Transform(base_from_body[:3, :3], base_from_body[:3, 3]))
+
+    def _widened(self, tool: Tool, by: float) -> list[tuple[int, Any, Array]]:
+        """All that moves, thicker by a distance, with its frame and its pose there: what was seen is no solid
+        whose distance to others could be asked."""
+        corners = by * (np.indices((2, 2, 2)).reshape(3, -1).T * 2.0 - 1)
+        hulls = (*tool.fingers, *tool.camera, *tool.palm)
+        parts = [self._convex((hull[:, None] + corners).reshape(-1, 3)) for hull in hulls]
+        links = [
+            (c.frame, *self._capsule(c.start, c.end, c.radius + by))
+            for c in reversed(self._model.capsules)
+            if c.frame >= LOWEST_LINK
+        ]
+        return [*((-1, part, np.eye(4)) for part in parts), *links]
 
     def _pairs(self) -> list[tuple[Any, Any]]:
         links = [(frame, body) for frame, body, _ in self._links]

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from neugrasp.geometry.pose import Array, apply, inverse, rigid, rotation_about
 from neugrasp.geometry.surface import Surface
-from neugrasp.grasp import Grasp
+from neugrasp.grasp import APPROACH, Grasp
 from neugrasp.robot.collision import Carried, CollisionChecker, Surroundings
 from neugrasp.robot.errors import InCollision, NoPlan, PlanningFailed, Unreachable
 from neugrasp.robot.free_way import free_way
@@ -25,6 +25,8 @@ LINE_TURN = 0.05
 """Radians of rotation between two positions on a line."""
 JUMP = 0.35
 """Radians by which no joint may turn from one position on a line to the next: the arm would swing around."""
+STANDOFFS = (APPROACH + 0.02, APPROACH + 0.04)
+"""Metres before a grasp at which its straight way begins where the pre-grasp itself is not in the open."""
 TRIES = 4
 """Ends that a way is sought to, the nearest first."""
 TO_PREGRASP, TO_GRASP = "to the pre-grasp", "straight to the grasp"
@@ -74,10 +76,10 @@ class Motion:
     timeout_s: float = 5.0
     """Longest time of one search for a way."""
 
-    def checker(self, surface: Surface | None = None, wide: Surface | None = None) -> CollisionChecker:
-        """What tells collisions, with what was seen on the table and how far from it is far enough."""
+    def checker(self, surface: Surface | None = None, clearance: float = 0.0) -> CollisionChecker:
+        """What tells collisions, with what was seen on the table and how many metres are kept from it."""
         fence = self.fence
-        around = Surroundings(fence.world_from_table, fence.limits.keep_out, surface, wide)
+        around = Surroundings(fence.world_from_table, fence.limits.keep_out, surface, clearance)
         return CollisionChecker(fence.model, self.tool, fence.world_from_base, around)
 
     def tcp(self, joints: Array) -> Array:
@@ -165,7 +167,8 @@ class Motion:
             self.fence.check_pose(pose)
         problem: NoPlan = Unreachable("the arm does not reach the grasp in a straight line")
         ways = 0
-        for candidate in self._followed(start, grasp):
+        for followed in self._followed(start, grasp):
+            candidate = self._begun_in_the_open(followed, checker)
             carried = checker.carrying(fingers, self._in_flange(candidate.approach[-1], held))
             if not self._is_free(candidate, checker, carried):
                 if ways == 0:
@@ -202,6 +205,21 @@ class Motion:
                 yield _Candidate(same, approach, self.line(approach[-1], same.retreat))
             except Unreachable:
                 continue
+
+    def _begun_in_the_open(self, candidate: _Candidate, checker: CollisionChecker) -> _Candidate:
+        """The same, its straight way begun farther back where the pre-grasp is too near to what was seen:
+        open fingers beside something tall and wide."""
+        here = candidate.approach[0]
+        for distance in STANDOFFS:
+            if checker.is_free(here):
+                break
+            try:
+                back = self.line(candidate.approach[0], candidate.grasp.advanced(-distance).pose)
+            except Unreachable:
+                break
+            here = back[-1]
+            candidate = replace(candidate, approach=np.concatenate([back[:0:-1], candidate.approach]))
+        return candidate
 
     def _in_flange(self, joints: Array, points: Array | None) -> Array | None:
         """Points (n, 3) of the world as the flange sees them with the joints at (6,)."""
