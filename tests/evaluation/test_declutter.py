@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
@@ -63,9 +64,9 @@ class Notary:
 
 @pytest.fixture
 def play(world: World) -> Callable[..., Episode]:
-    def playing(detector: Any, *bodies: Any, strategy: str = "top") -> Episode:
+    def playing(detector: Any, *bodies: Any, strategy: str = "top", **rules: Any) -> Episode:
         robot = SimulatedRobot(world, boxes_scene(*bodies))
-        config = EpisodeConfig(protocol_of("paper"), strategy_of(strategy), draw, UP)
+        config = EpisodeConfig(replace(protocol_of("paper"), **rules), strategy_of(strategy), draw, UP)
         return declutter(config, 7, Robot(NoCamera(), robot, robot), detector, Notary())
 
     return playing
@@ -88,6 +89,36 @@ def test_a_detector_that_grasps_air_scores_nothing_and_stops_after_two(play: Cal
     result = scores([episode], protocol_of("paper"))
     assert (result["SR"], result["FSR"], result["DR"]) == (0, 0, 0)
     assert result["failures"]["nothing between the fingers"] == 2
+
+
+class Stubborn:
+    """Likes best to close above the first box, where nothing is; knows the others."""
+
+    def __init__(self, world: World):
+        self.world = world
+
+    def detect(self, views: object) -> Detection:
+        first, *others = self.world.bodies()
+        above = replace(grasp_of(first, depth=-0.05), score=1.0)
+        return detection(above, *(replace(grasp_of(body), score=0.5) for body in others))
+
+
+def test_by_the_protocols_a_grasp_that_failed_is_tried_again(play: Callable[..., Episode], world: World):
+    episode = play(Stubborn(world), *THREE)
+    assert [attempt.success for attempt in episode.attempts] == [False, False]
+    assert episode.ending == "failures in a row"
+
+
+def test_elsewhere_first_what_failed_is_tried_last_and_then_given_up(
+    play: Callable[..., Episode], world: World
+):
+    # Three failures in a row are allowed, so that it is the place that is given up, not the round.
+    episode = play(Stubborn(world), *THREE, after_failure="elsewhere", max_failures=3)
+    assert [attempt.success for attempt in episode.attempts] == [False, True, True, False]
+    assert (episode.ending, episode.skipped) == ("only where grasps failed", {"failed there before": 1})
+    result = scores([episode], protocol_of("paper"))
+    assert result["endings"]["only where grasps failed"] == 1
+    assert (result["SR"], round(result["DR"])) == (50, 67)
 
 
 def test_a_round_ends_where_nothing_is_detected(play: Callable[..., Episode]):

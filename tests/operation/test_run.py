@@ -14,7 +14,13 @@ import pytest
 
 from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Evaluate
-from neugrasp.evaluation.episode import EMPTY, NOTHING_DETECTED, NOTHING_REACHABLE, read_episode
+from neugrasp.evaluation.episode import (
+    EMPTY,
+    GIVEN_UP,
+    NOTHING_DETECTED,
+    NOTHING_REACHABLE,
+    read_episode,
+)
 from neugrasp.evaluation.run import evaluate
 from neugrasp.operation.command import Run
 from neugrasp.operation.run import run
@@ -22,7 +28,7 @@ from robot_cells import TWIN
 
 pytestmark = pytest.mark.skipif(find_spec("ompl") is None, reason="needs neugrasp[robot]")
 
-ENDINGS = (EMPTY, NOTHING_DETECTED, NOTHING_REACHABLE)
+ENDINGS = (EMPTY, NOTHING_DETECTED, NOTHING_REACHABLE, GIVEN_UP)
 KILLS = 20
 
 

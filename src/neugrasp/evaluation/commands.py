@@ -30,6 +30,9 @@ class Evaluate:
     """Materials of the objects."""
     strategy: Literal["protocol", "top", "random", "highest"] = "protocol"
     """Which detected grasp is executed; by default as the protocol says."""
+    after_failure: Literal["anywhere", "elsewhere"] = "anywhere"
+    """Where the next grasp may be after one failed. anywhere: as in the protocols; elsewhere, as in `run`:
+    first where none failed, and never where two did."""
     rounds: int | None = None
     """Number of rounds; by default 200, or one for each object where it stands alone."""
     domain: str = "training"

@@ -16,17 +16,18 @@ from neugrasp.detection.contract import Detection, Detector, Stopwatch
 from neugrasp.evaluation.episode import (
     EMPTY,
     FAILED_TOO_OFTEN,
+    GIVEN_UP,
     NOTHING_DETECTED,
     NOTHING_REACHABLE,
     UNFINISHED,
     Attempt,
     Episode,
 )
-from neugrasp.evaluation.protocols import Choose, EvaluationRules
+from neugrasp.evaluation.protocols import ELSEWHERE, Choose, EvaluationRules
 from neugrasp.geometry.pose import Array, to_quaternion
 from neugrasp.robot.interface import Robot
 from neugrasp.robot.pick import CARRIED_AWAY, Pick, pick
-from neugrasp.robot.ranking import Chosen, first_possible
+from neugrasp.robot.ranking import Chosen, failures_near, first_possible
 
 Seen = TypeVar("Seen")
 
@@ -94,11 +95,15 @@ class _EpisodeRun:
     robot: Robot[Any]
     ground_truth: GroundTruth
 
-    def choose(self, number: int, detection: Detection) -> Chosen:
+    def choose(self, attempts: Sequence[Attempt], detection: Detection) -> Chosen:
         """The next of the detected grasps that can be carried out."""
-        config, rng = self.config, self.config.rng(self.index, number)
+        config, rng = self.config, self.config.rng(self.index, len(attempts))
+        failures = None
+        if config.rules.after_failure == ELSEWHERE:
+            failed = np.array([attempt.position for attempt in attempts if not attempt.success])
+            failures = failures_near(detection.grasps, failed, config.up)
         return first_possible(
-            self.robot.manipulator, detection, lambda grasps: config.choose(grasps, rng, config.up)
+            self.robot.manipulator, detection, lambda grasps: config.choose(grasps, rng, config.up), failures
         )
 
     def attempt(self, number: int, detection: Detection, chosen: Chosen, watch: Stopwatch) -> Attempt:
@@ -174,15 +179,22 @@ def declutter(
             detection = detector.detect(seen)
         log.stage(PLANNING, detection)
         with watch.stage("plan"):
-            chosen = run.choose(len(attempts), detection)
+            chosen = run.choose(attempts, detection)
         skipped.update(chosen.counts)
         if chosen.index is not None:
             attempts.append(run.attempt(len(attempts), detection, chosen, watch))
         _add(seconds, watch.seconds)
         if chosen.index is None:
-            return so_far(NOTHING_REACHABLE if detection.grasps else NOTHING_DETECTED)
+            return so_far(_ending(detection, chosen))
         log.told(so_far(UNFINISHED))
     return so_far(EMPTY)
+
+
+def _ending(detection: Detection, chosen: Chosen) -> str:
+    """Why none of the detected grasps is carried out."""
+    if not detection.grasps:
+        return NOTHING_DETECTED
+    return GIVEN_UP if chosen.is_given_up else NOTHING_REACHABLE
 
 
 def _failures_in_a_row(attempts: Sequence[Attempt]) -> int:

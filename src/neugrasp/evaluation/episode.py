@@ -19,10 +19,12 @@ FAILED_TOO_OFTEN = "failures in a row"
 CRASHED = "crashed"
 NOTHING_REACHABLE = "nothing reachable"
 """Where an arm carries out none of the detected grasps."""
+GIVEN_UP = "only where grasps failed"
+"""Where all detected grasps are at places that were given up (`robot.ranking`)."""
 UNFINISHED = "unfinished"
 """The ending of a round that goes on where it is: `neugrasp run` writes it after every pick."""
 ENDINGS = (EMPTY, NOTHING_DETECTED, FAILED_TOO_OFTEN, CRASHED)
-"""The endings of every round; `NOTHING_REACHABLE` besides, where there is an arm."""
+"""The endings of every round; `NOTHING_REACHABLE` besides, where there is an arm, and `GIVEN_UP`."""
 
 FORMAT, VERSION = "neugrasp-round", 1
 MANY, FAR = 10**9, 1e9
@@ -64,7 +66,7 @@ class Attempt:
     before: dict[str, Any] | None = None
     """What lay on the table, as plain data."""
     skipped: dict[str, int] = field(default_factory=dict)
-    """Grasps that were passed over before this one, by reason; only an arm does that."""
+    """Grasps that were passed over before this one, by reason."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,7 @@ def _episode(fields: Fields) -> Episode:
     return Episode(
         fields.whole("index", 0, MANY),
         fields.whole("objects", 0, MANY),
-        fields.text("ending", (*ENDINGS, NOTHING_REACHABLE, UNFINISHED)),
+        fields.text("ending", (*ENDINGS, NOTHING_REACHABLE, GIVEN_UP, UNFINISHED)),
         tuple(map(_attempt, fields.each("attempts"))),
         fields.text("scene_sha256"),
         fields.text("error"),
@@ -160,7 +162,7 @@ def _lying(fields: Fields, field: str) -> dict[str, Any] | None:
 
 
 def _spare(data: dict[str, Any]) -> dict[str, Any]:
-    """Without what only an arm has, where there was none: the record of a round is as it always was."""
+    """Without what was passed over, where nothing was: the record of a round is as it always was."""
     return {name: value for name, value in data.items() if name != "skipped" or value}
 
 

@@ -59,7 +59,7 @@ class EpisodeRunner:
         speed: float = 1.0,
     ):
         self.config = config
-        self.rules = rules or protocol_of(config.protocol)
+        self.rules = replace(rules or protocol_of(config.protocol), after_failure=config.after_failure)
         self._scene_renderer = scene_renderer
         self._library = ObjectLibrary.open(config.object_sets, config.objects)
         self._rounds = Rounds(

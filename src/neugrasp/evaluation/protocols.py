@@ -12,6 +12,8 @@ from neugrasp.execution import MIN_OPENING
 from neugrasp.geometry.pose import Array
 from neugrasp.grasp import Grasp
 
+ELSEWHERE = "elsewhere"
+
 
 @dataclass(frozen=True)
 class EvaluationRules:
@@ -28,6 +30,8 @@ class EvaluationRules:
     """Lateral friction of all objects; None: each object's own, 1 in all the published sets."""
     max_failures: int = 2
     """Failures in a row that end a round."""
+    after_failure: str = "anywhere"
+    """Where the next grasp may be: "anywhere", or `ELSEWHERE`: first where none failed."""
     num_objects: int = 5
 
     @property

@@ -165,6 +165,7 @@ def _checked(config: Evaluate) -> tuple[dict[str, Any], int]:
         **({"cell_sha256": text_hash(config.cell)} if config.cell is not None else {}),
         # Only where it is not the usual one: evaluations of before it was an option go on.
         **({"precision": config.precision} if config.precision != "float32" else {}),
+        **({"after_failure": config.after_failure} if config.after_failure != "anywhere" else {}),
     }
     return facts, num_rounds(config.scene, choices, config.rounds)
 

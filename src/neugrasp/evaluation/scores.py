@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from neugrasp.evaluation.episode import CRASHED, ENDINGS, NOTHING_REACHABLE, Attempt, Episode
+from neugrasp.evaluation.episode import CRASHED, ENDINGS, GIVEN_UP, NOTHING_REACHABLE, Attempt, Episode
 from neugrasp.evaluation.protocols import EvaluationRules
 from neugrasp.metrics import wilson_interval
 from neugrasp.robot.pick import DROPPED, REASONS, SUCCESS
@@ -83,7 +83,8 @@ def _bootstrap(part: np.ndarray, whole: np.ndarray) -> list[float] | None:
 
 def _endings(played: Sequence[Episode]) -> dict[str, int]:
     counts = Counter(episode.ending for episode in played)
-    return {name: counts[name] for name in ENDINGS if name != CRASHED} | _counted(counts, NOTHING_REACHABLE)
+    usual = {name: counts[name] for name in ENDINGS if name != CRASHED}
+    return usual | _counted(counts, NOTHING_REACHABLE) | _counted(counts, GIVEN_UP)
 
 
 def _failures(attempts: Sequence[Attempt]) -> dict[str, int]:
@@ -92,12 +93,12 @@ def _failures(attempts: Sequence[Attempt]) -> dict[str, int]:
 
 
 def _counted(counts: Counter[str], name: str) -> dict[str, int]:
-    """What only an arm does, where it did it."""
+    """What not every round can end with, where one did."""
     return {name: counts[name]} if counts[name] else {}
 
 
 def _skipped(played: Sequence[Episode]) -> dict[str, Any]:
-    """Grasps that an arm passed over, by reason; no entry where nothing was."""
+    """Grasps that were passed over, by reason; no entry where nothing was."""
     total: Counter[str] = Counter()
     for episode in played:
         total.update(episode.skipped)

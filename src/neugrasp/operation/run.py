@@ -16,7 +16,7 @@ from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.declutter import EpisodeConfig, Log, declutter
 from neugrasp.evaluation.episode import EMPTY, UNFINISHED, Attempt, Episode, read_episode, write_episode
-from neugrasp.evaluation.protocols import PROTOCOLS, strategy_of
+from neugrasp.evaluation.protocols import ELSEWHERE, PROTOCOLS, strategy_of
 from neugrasp.evaluation.run import facts_of_rounds, photographer_for, round_file, with_cell
 from neugrasp.evaluation.workers import open_runner
 from neugrasp.geometry.pose import Array
@@ -105,6 +105,7 @@ def evaluation_of(config: Run, cell: CellFile) -> Evaluate:
         materials=cell.twin.materials,
         seed=cell.twin.seed,
         strategy=config.strategy,
+        after_failure=ELSEWHERE,
         rounds=1,
         weights=config.weights,
         evaluator=config.evaluator,
@@ -184,7 +185,7 @@ def _clear_table(config: Run, cell: CellFile, watch: _Watch) -> Episode:
     """A real table, to its end."""
     detector = detector_spec(config.detector).load(replace(config.options(), gripper=cell.gripper.model))
     up: Array = cell.workspace.world_from_workspace[:3, 2]
-    rules = replace(PROTOCOLS["paper"], max_failures=config.max_failures)
+    rules = replace(PROTOCOLS["paper"], max_failures=config.max_failures, after_failure=ELSEWHERE)
     game = EpisodeConfig(rules, strategy_of(config.strategy), lambda i, j: np.random.default_rng([i, j]), up)
     empty = read_empty(empty_folder(cell), cell.camera)
     with opened(cell, watch.attendants) as hardware:
