@@ -48,7 +48,7 @@ MOST_AROUND = 20
 Propose = Callable[[np.ndarray, np.random.Generator], Array]
 """From a grid to poses to try."""
 UNSURE = (0.2, 0.9)
-LIKED = JudgeConfig(threshold=0.2, margin=1.0, most=40)
+LIKED = JudgeConfig(threshold=0.2, most=40)
 """How an evaluator's favourites are sought: down to those that a detector would not tell."""
 
 

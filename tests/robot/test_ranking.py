@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from neugrasp.grasp import Grasp, Grasps
+from neugrasp.robot.errors import Unreachable
 from neugrasp.robot.interface import Manipulator
 from neugrasp.robot.ranking import SAME_PLACE, failures_near, first_possible
 from toy_boxes import detection
@@ -22,10 +25,10 @@ class Willing:
         return grasp
 
 
-def at(*position: float) -> Grasp:
+def at(*position: float, score: float = 1.0) -> Grasp:
     pose = np.eye(4)
     pose[:3, 3] = position
-    return Grasp(pose, 0.04)
+    return Grasp(pose, 0.04, score)
 
 
 def test_a_failure_counts_beside_it_at_any_height():
@@ -61,3 +64,32 @@ def test_fewest_failures_first_and_none_where_two_were(
     assert found.index == chosen
     assert found.counts == ({"failed there before": given_up} if given_up else {})
     assert found.is_given_up == (chosen is None)
+
+
+@pytest.mark.parametrize(
+    ("failures", "left"),
+    [([0, 0, 0, 0], [0.95, 0.93]), ([1, 1, 0, 0], [0.8]), ([1, 1, 2, 0], [0.7]), ([2, 1, 2, 2], [0.93])],
+)
+def test_what_is_chosen_is_nearly_as_sure_as_the_best_that_is_left(failures: list[int], left: list[float]):
+    grasps = [at(0.1 * i, 0, 0, score=score) for i, score in enumerate((0.95, 0.93, 0.8, 0.7))]
+    seen = replace(detection(*grasps), margin=0.04)
+    offered: list[Any] = []
+
+    def choose(among: Sequence[Grasp]) -> int:
+        offered.append([grasp.score for grasp in among])
+        return 0
+
+    first_possible(cast("Manipulator", Willing()), seen, choose, np.array(failures))
+    assert offered == [left]
+
+
+def test_where_the_surest_cannot_be_reached_the_next_are_measured_by_what_is_left():
+    class Short(Willing):
+        def prepare(self, grasp: Grasp, _: object) -> Any:
+            if grasp.score > 0.9:
+                raise Unreachable("too far")
+            return grasp
+
+    seen = replace(detection(at(0.1, 0, 0, score=0.95), at(0.2, 0, 0, score=0.8)), margin=0.04)
+    found = first_possible(cast("Manipulator", Short()), seen, lambda _: 0)
+    assert (found.index, found.counts) == (1, {"unreachable": 1})

@@ -56,6 +56,9 @@ class Detection:
     """Seconds of each stage."""
     source: str = ""
     """Where the observation came from, as it says."""
+    margin: float | None = None
+    """How much less sure a grasp may be, to be carried out, than the best of those that are wanted and
+    possible; None: any may."""
 
     def __post_init__(self) -> None:
         cube = (self.workspace.resolution,) * 3
@@ -98,7 +101,7 @@ class Detection:
             "workspace": self.workspace.to_dict(),
             "gripper_file": self.gripper.to_dict(),
         }
-        numbers = {"best_rejected": self.best_rejected, "threshold": self.threshold}
+        numbers = {name: getattr(self, name) for name in ("best_rejected", "threshold", "margin")}
         facts |= {name: float(number) for name, number in numbers.items() if number is not None}
         if with_surface and self.tsdf is not None:
             # The quickest level: the slowest one is a twentieth smaller and takes three times as long.
@@ -125,6 +128,7 @@ class Detection:
             given.number("threshold", 0, 1) if "threshold" in given.data else None,
             given.inside("timing_s").each_number(0, COUNTED),
             given.text("scene") if "scene" in given.data else "",
+            given.number("margin", 0, 1) if "margin" in given.data else None,
         )
 
     def save(self, folder: str | Path, views: Views | None = None) -> None:

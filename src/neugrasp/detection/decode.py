@@ -70,6 +70,8 @@ class Selection:
     rejected: dict[str, int]
     best_rejected: float
     """The best smoothed quality of a voxel on a surface; says how far the threshold was."""
+    margin: float | None = None
+    """As in `Detection`."""
 
     def detection(
         self,
@@ -92,6 +94,7 @@ class Selection:
             threshold,
             timing_s or {},
             source,
+            self.margin,
         )
 
 

@@ -36,7 +36,7 @@ class JudgeConfig:
     threshold: float = 0.7
     """Probability below which nothing is a grasp."""
     margin: float = 0.04
-    """By how much less sure than the best one a grasp may be."""
+    """By how much less sure than the best one a grasp may be that is carried out."""
     draws: int = 1000
     """Candidates that are drawn from the surface."""
     refined: int = 40
@@ -100,9 +100,8 @@ class Judge:
             said = np.concatenate([said, self.probabilities(fine, workspace, near)])
         places = apart(poses, said, config.apart, 2 * config.most)
         said = self.probabilities(fine, workspace, poses[places], symmetric=True)
-        best_said = float(said.max(initial=0.0))
-        good = said >= max(config.threshold, best_said - config.margin)
-        order = np.argsort(-said, kind="stable")[: np.count_nonzero(good)][: config.most]
+        good = np.count_nonzero(said >= config.threshold)
+        order = np.argsort(-said, kind="stable")[:good][: config.most]
         chosen = poses[places][order]
         widths = self.widths(tsdf, workspace, chosen)
         told = zip(chosen[widths > 0], widths[widths > 0], said[order][widths > 0], strict=True)
@@ -112,7 +111,7 @@ class Judge:
             "nothing_between_the_fingers": int(np.count_nonzero(widths == 0)),
         }
         grasps = tuple(Grasp(pose, float(width), float(score)) for pose, width, score in told)
-        return Selection(grasps, rejected, best_said)
+        return Selection(grasps, rejected, float(said.max(initial=0.0)), config.margin)
 
     @torch.no_grad()
     def probabilities(

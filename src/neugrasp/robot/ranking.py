@@ -74,7 +74,8 @@ def first_possible(
 ) -> Chosen:
     """Asks `choose` for one grasp after the other until the manipulator can carry one out. Nothing moves.
 
-    Grasps with fewer `failures` (g,) near them go first; those with `TRIES` are passed over.
+    Grasps with fewer `failures` (g,) near them go first; those with `TRIES` are passed over. Among equals,
+    the detection's `margin` below the best one that is left bounds what may be chosen.
     """
     counts = np.zeros(len(detection.grasps), int) if failures is None else failures
     left = [int(i) for i in np.flatnonzero(counts < TRIES)]
@@ -83,6 +84,9 @@ def first_possible(
     ]
     while left:
         first = [i for i in left if counts[i] == min(counts[left])]
+        if detection.margin is not None:
+            best = max(detection.grasps[i].score for i in first)
+            first = [i for i in first if detection.grasps[i].score >= best - detection.margin]
         number = first[choose(detection.grasps[np.array(first)])]
         try:
             hand = manipulator.prepare(detection.grasps[number], detection)

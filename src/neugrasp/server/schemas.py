@@ -49,6 +49,9 @@ class DetectionModel(BaseModel):
     gripper_file: dict[str, Any]
     best_rejected: float | None = None
     threshold: float | None = None
+    margin: float | None = Field(
+        None, description="How much less sure than the best a grasp may be that is carried out."
+    )
     tsdf: str | None = Field(
         None, description="With ?tsdf=true: base64 of zlib of float32, little endian, indexed [x, y, z]."
     )
