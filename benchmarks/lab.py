@@ -7,9 +7,9 @@
 with the shipped weights on so many of its scenes. `rows` plays piles and packed scenes of the test's
 objects: the shipped weights in the domain of training and in the lab, and there GraspNeRF with TSDF and all
 that was adapted, too. The lab was made as hard as it is by four rounds of seed 0, so rows play those of
-another. `held` judges grasps in the ten scenes. `table` prints everything that is there. Parts run in the
-order given; each goes on where it stopped, and what is finished is not done again. Seconds are those of the
-wall, summed over starts.
+another. `held` judges grasps in the ten scenes. `table` prints everything that is there, and writes it to
+table.md. Parts run in the order given; each goes on where it stopped, and what is finished is not done again.
+Seconds are those of the wall, summed over starts.
 """
 
 from __future__ import annotations
@@ -19,15 +19,19 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from neugrasp.data.scene_sets import open_scenes
 from neugrasp.evaluation.compare import compare
 from neugrasp.evaluation.results_io import played
+from neugrasp.evaluation.tables import rate_cell
 from neugrasp.model.checkpoint import load_checkpoint
+from neugrasp.output import write_text
 from neugrasp.training.dataset import Scenes
 from neugrasp.training.recipes import adapt
 from neugrasp.training.validation import validate
@@ -107,51 +111,109 @@ class Lab:
         (self.out / "held.json").write_text(json.dumps(found, indent=1) + "\n")
 
     def table(self) -> None:
-        """Prints what is there."""
-        print("| SR / FSR / DR | pile | packed |\n|---|---|---|")
+        """Prints what is there, and writes it to table.md."""
+        text = "\n".join(
+            [*self._rates(), "", *self._differences(), "", *self._learning(), "", *self._origin()]
+        )
+        write_text(self.out / "table.md", text + "\n")
+        print(text)
+
+    def _rates(self) -> Iterator[str]:
+        yield "| SR / FSR / DR | pile | packed |"
+        yield "|---|---|---|"
         for name, per_kind in PAPER.items():
-            print(f"| {name}, the paper's real table | {' | '.join(per_kind[kind] for kind in KINDS)} |")
-        for name, _, _ in self.played_rows():
-            print(f"| {name} | {' | '.join(self._told(f'{name}-{kind}') for kind in KINDS)} |")
-        names = [name for name, domain, _ in self.played_rows() if domain == "lab" and name != "lab"]
-        for kind in KINDS:
-            self._gap(kind)
-            for name in names:
-                self._difference(f"lab-{kind}", f"{name}-{kind}")
-        for file in ("held.json", "seconds.json"):
-            if (self.out / file).is_file():
-                print(f"\n{file}: {(self.out / file).read_text()}")
+            yield f"| {name}, the paper's real table | {' | '.join(per_kind[kind] for kind in KINDS)} |"
+        for name, domain, _ in self.played_rows():
+            yield f"| {_title(name, domain)} | {' | '.join(self._told(f'{name}-{kind}') for kind in KINDS)} |"
 
     def _told(self, row: str) -> str:
-        file = self.out / row / "metrics.json"
-        if not file.is_file():
+        if not self._is_played(row):
             done = len(list((self.out / row / "rounds").glob("[!.]*.json")))
             return f"{done} of {self.options.rounds} rounds"
-        data = json.loads(file.read_text())
-        rates = (f"{data[k]:.1f} ({data[f'{k}_ci'][0]:.1f} to {data[f'{k}_ci'][1]:.1f})" for k in _RATES)
-        return f"{' / '.join(rates)}, {data['successes']} of {data['attempts']}, {data['objects']} objects"
+        data = self._metrics(row)
+        rates = " / ".join(rate_cell(data, rate) for rate in _RATES)
+        return f"{rates}; {data['successes']} of {data['attempts']} grasps, {data['objects']} objects"
 
-    def _gap(self, kind: str) -> None:
-        """The lab less the domain of training. Scenes settle otherwise there, so rounds are not paired."""
-        sides = [_counts(self.out / f"{name}-{kind}") for name in ("training", "lab")]
-        if not all(map(len, sides)):
-            return
-        rng = np.random.default_rng(0)
-        for column, rate in ((1, "SR"), (2, "DR")):
-            drawn = [
-                _rate(side[rng.integers(len(side), size=(RESAMPLES, len(side)))], column) for side in sides
-            ]
-            low, high = np.percentile(drawn[1] - drawn[0], [2.5, 97.5])
-            gap = _rate(sides[1], column) - _rate(sides[0], column)
-            print(f"{kind}: lab less training, {rate} {gap:+.1f} ({low:+.1f} to {high:+.1f})")
+    def _differences(self) -> Iterator[str]:
+        yield "| in points | pile: SR | pile: DR | packed: SR | packed: DR |"
+        yield "|---|---|---|---|---|"
+        yield self._row("lab less training, not paired: objects settle otherwise", self._gap)
+        for name, domain, _ in self.played_rows():
+            if domain == "lab" and name != "lab":
+                yield self._row(
+                    f"{_title(name, domain)} less NeuGrasp there, paired", partial(self._gain, name)
+                )
+        for count in self.options.scenes:
+            yield self._row(
+                f"of the gap, {_title(f'ra{count}', 'lab')} closes", partial(self._closed, f"ra{count}")
+            )
 
-    def _difference(self, one: str, other: str) -> None:
+    def _row(self, title: str, cell: Callable[[str, str], str]) -> str:
+        return (
+            f"| {title} | " + " | ".join(cell(kind, rate) for kind in KINDS for rate in ("SR", "DR")) + " |"
+        )
+
+    def _gap(self, kind: str, rate: str) -> str:
+        rows = [f"{name}-{kind}" for name in ("training", "lab")]
+        if not all(map(self._is_played, rows)):
+            return ""
+        sides, rng, column = (
+            [_counts(self.out / row) for row in rows],
+            np.random.default_rng(0),
+            _COLUMN[rate],
+        )
+        drawn = [_rate(s[rng.integers(len(s), size=(RESAMPLES, len(s)))], column) for s in sides]
+        return _points(_rate(sides[1], column) - _rate(sides[0], column), drawn[1] - drawn[0])
+
+    def _gain(self, name: str, kind: str, rate: str) -> str:
         """The same rounds, paired."""
-        if all((self.out / row / "metrics.json").is_file() for row in (one, other)):
-            for rate in _RATES:
-                found = compare(self.out / one, self.out / other)[rate]
-                low, high = found["ci"]
-                print(f"{other} less {one}, {rate} {found['difference']:+.1f} ({low:+.1f} to {high:+.1f})")
+        rows = [f"{one}-{kind}" for one in ("lab", name)]
+        if not all(map(self._is_played, rows)):
+            return ""
+        found = compare(*(self.out / row for row in rows))[rate]
+        return _points(found["difference"], np.array(found["ci"]))
+
+    def _closed(self, name: str, kind: str, rate: str) -> str:
+        rows = [f"{one}-{kind}" for one in ("training", "lab", name)]
+        if not all(map(self._is_played, rows)):
+            return ""
+        training, lab, adapted = (self._metrics(row)[rate] for row in rows)
+        return f"{100 * (adapted - lab) / (training - lab):.0f} %" if training > lab else "there is none"
+
+    def _learning(self) -> Iterator[str]:
+        """What grasps in the scenes aside say, and how long everything took."""
+        yield "| | loss of the grasps tried in ten other scenes | their AUC | minutes of learning |"
+        yield "|---|---|---|---|"
+        file = self.out / "held.json"
+        held, seconds = json.loads(file.read_text()) if file.is_file() else {}, self._seconds()
+        for name, scores in held.items():
+            took = f"{seconds[name] / 60:.0f}" if name in seconds else ""
+            told = " | ".join(f"{scores[score]:.3f}" for score in ("grasp_loss", "grasp_auc"))
+            yield f"| {_title(name, 'lab')} | {told} | {took} |"
+
+    def _origin(self) -> Iterator[str]:
+        options = self.options
+        commits = {self._metrics(row)["commit"] for row in self._all_rows() if self._is_played(row)}
+        yield (
+            f"`python benchmarks/lab.py --out FOLDER --seed {options.seed} --scenes "
+            f"{' '.join(map(str, options.scenes))} --rounds {options.rounds}`, "
+            f"commit {', '.join(sorted(commits))}"
+        )
+
+    def _all_rows(self) -> list[str]:
+        return [f"{name}-{kind}" for name, _, _ in self.played_rows() for kind in KINDS]
+
+    def _is_played(self, row: str) -> bool:
+        return (self.out / row / "metrics.json").is_file()
+
+    def _metrics(self, row: str) -> dict[str, Any]:
+        found: dict[str, Any] = json.loads((self.out / row / "metrics.json").read_text())
+        return found
+
+    def _seconds(self) -> dict[str, float]:
+        file = self.out / "seconds.json"
+        found: dict[str, float] = json.loads(file.read_text()) if file.is_file() else {}
+        return found
 
     def _quality(self) -> list[object]:
         return ["--samples", self.options.samples]
@@ -165,22 +227,33 @@ class Lab:
         line = [sys.executable, "-m", "neugrasp", command, "--out", str(out), *map(str, words)]
         print(" ".join(line[2:]), flush=True)
         ended = subprocess.run(line, check=False)
-        file = self.out / "seconds.json"
-        seconds = json.loads(file.read_text()) if file.is_file() else {}
+        seconds = self._seconds()
         seconds[folder] = round(seconds.get(folder, 0) + time.monotonic() - began)
-        file.write_text(json.dumps(seconds, indent=1) + "\n")
+        write_text(self.out / "seconds.json", json.dumps(seconds, indent=1) + "\n")
         if ended.returncode:
             sys.exit(ended.returncode)
         done.touch()
 
 
 _RATES = ("SR", "FSR", "DR")
+_COLUMN = {"SR": 1, "DR": 2}
+
+
+def _title(name: str, domain: str) -> str:
+    """A row in words."""
+    if name == GRASPNERF:
+        return f"GraspNeRF with TSDF, {domain}"
+    return f"NeuGrasp-RA, {name[2:]} scenes" if name.startswith("ra") else f"NeuGrasp, {domain}"
+
+
+def _points(difference: float, drawn: np.ndarray) -> str:
+    """With the 95 % interval of what was drawn, or the two ends of it."""
+    low, high = np.percentile(drawn, [2.5, 97.5]) if len(drawn) > 2 else drawn
+    return f"{difference:+.1f} ({low:+.1f} to {high:+.1f})"
 
 
 def _counts(folder: Path) -> np.ndarray:
     """(rounds, 3): successes, attempts and objects of each round."""
-    if not (folder / "metrics.json").is_file():
-        return np.zeros((0, 3))
     return np.array([(e.successes, len(e.attempts), e.objects) for e in played(folder)], dtype=float)
 
 
