@@ -81,6 +81,39 @@ def test_a_way_that_would_sweep_it_through_the_table_is_refused(
     assert lowest_of(held, motion, full.approach.joints[-1], ways) > -0.002
 
 
+WALLS = tuple(
+    box(0.15 + x, 0.15 + y, "0.03 0.03 0.18") for x, y in ((0.11, 0), (-0.11, 0), (0, 0.11), (0, -0.11))
+)
+
+
+def within(points: Array, size: Array, at: Array) -> Array:
+    return np.all(np.abs(points - at) < size / 2, axis=-1)
+
+
+@pytest.mark.slow
+def test_it_is_carried_past_what_stands_around(cell: CellFile, motion: Motion, world: World):
+    """It hangs 10 cm below the TCP among towers that are higher than its lower end after the retreat."""
+    world.reset(boxes_scene(TALL, *WALLS))
+    seen = Detection(Grasps.of([]), world.workspace, world.gripper, TruthCamera(world).capture().tsdf.values)
+    grasp = replace(grasp_of(TALL), width=0.03)
+    grasp.pose[2, 3] = 0.155
+    held = held_box(grasp, seen)
+    assert held is not None
+    plan = motion.pick(cell.out_of_sight, grasp, cell.drop, motion.checker(seen.surface(), 0.006), held)
+    shares = np.stack(np.meshgrid(*[np.linspace(0, 1, count) for count in (5, 7, 17)]), axis=-1).reshape(
+        -1, 3
+    )
+    points = held.min(axis=0) + shares * (held.max(axis=0) - held.min(axis=0))
+    fence = motion.fence
+    flange = fence.world_from_base @ fence.model.flange(plan.approach.joints[-1])
+    local = apply(inverse(flange), points)
+    for joints in (*plan.retreat.joints, *plan.way_out.joints):
+        carried = apply(fence.world_from_base @ fence.model.flange(joints), local)
+        for wall in WALLS:
+            size = np.array([float(edge) for edge in wall.name.split()])
+            assert not within(carried, size, np.array(wall.position)).any()
+
+
 @pytest.mark.slow
 def test_fingers_that_swing_stand_deeper_and_close_at_the_grasp(cell: CellFile, seen: Detection):
     """A cell of hardware: its 2F-85 has the arc that the twin's straight fingers lack."""

@@ -87,9 +87,10 @@ class ArmHand:
             return self._move(plan.retreat, until_contact=False)
         try:
             back = self._motion.line(here, plan.grasp.retreat)
+            up = self._motion.line(back[-1], self._motion.tcp(plan.retreat.joints[-1]))
         except NoPlan:
             return self._move(self._retraced(), until_contact=False)
-        way = self._motion.timed([back], self._motion.approach_speed)
+        way = self._motion.timed([back, up], self._motion.approach_speed)
         return self._move(way.named(BACK), until_contact=False)
 
     def close(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,8 @@ LOWEST_LINK = 2
 """The first moving link that could touch the table on which the arm stands."""
 APART = 2
 """Links so many joints apart can touch; nearer ones are joined by design."""
+GROWN_TOGETHER = 0.012
+"""Metres around what is held in which the surface is taken to be its own: with neighbours it is one."""
 MOUNTED_BESIDE = 3
 """The camera is held against links up to this one; it is mounted around the later ones."""
 
@@ -48,6 +50,8 @@ class Carried:
     fingers: tuple[Any, ...]
     held: tuple[Any, ...]
     """One convex part, or none."""
+    others: Any = None
+    """What was seen but for what is held, once this is lifted out of it."""
 
 
 class CollisionChecker:
@@ -68,6 +72,7 @@ class CollisionChecker:
         self._table = self._box(base_from_table, 0.0)
         self._lowered_table = self._box(base_from_table, TABLE_SLACK)
         self._keep_out = [self._kept_out(base_from_world, box) for box in around.keep_out]
+        self._base_from_world, self._surface_seen = base_from_world, around.surface
         self._surface = self._mesh(base_from_world, around.surface)
         self._wide = self._widened(tool, around.clearance) if self._surface is not None else []
         self._self_pairs = self._pairs()
@@ -79,14 +84,23 @@ class CollisionChecker:
             tuple(self._convex(hull) for hull in fingers), () if held is None else (self._convex(held),)
         )
 
+    def lifted(self, carried: Carried, held: Array | None) -> Carried:
+        """The same when what is held, around which the corners `held` (8, 3) stood in the world, is above
+        where it stood: from then on it is kept out of all else that was seen, too."""
+        if held is None or self._surface_seen is None:
+            return carried
+        return replace(carried, others=self._mesh(self._base_from_world, _without(self._surface_seen, held)))
+
     def is_free(self, joints: Array, grasping: bool = False, carried: Carried | None = None) -> bool:
         """Whether nothing touches anything with the joints at (6,). On the straight way to a grasp,
         `grasping`, no distance is kept, and the fingers may enter the surface: they are about to close on
-        it. What is `carried` is held against table, keep-out boxes and arm: the surface shows itself, too."""
+        it. What is `carried` is held against table, keep-out boxes and arm: the surface shows itself, too;
+        once `lifted`, against the rest of the surface."""
         frames = self._model.frames(joints)
         self._place(frames)
         fingers = self._fingers if carried is None else carried.fingers
         held = () if carried is None else carried.held
+        others = () if carried is None or carried.others is None else (carried.others,)
         for body in (*held, *(() if carried is None else fingers)):
             self._put(body, frames[-1])
         links = [body for frame, body, _ in self._links if frame >= LOWEST_LINK]
@@ -96,6 +110,7 @@ class CollisionChecker:
         return not (
             self._any((body, other) for body in fingers for other in (lowered if grasping else solid))
             or self._any((body, other) for body in held for other in lowered)
+            or self._any((body, other) for body in held for other in others)
             or self._any((body, link) for body in held for link in links if link is not self._links[-1][1])
             or self._meets_surface(apart if grasping else [body for _, body, _ in self._wide])
             or self._any((body, other) for body in apart for other in solid)
@@ -183,3 +198,13 @@ class CollisionChecker:
         mesh.addSubModel(np.asarray(surface.vertices, dtype=np.float64), np.asarray(surface.faces))
         mesh.endModel()
         return self._object(mesh, base_from_world)
+
+
+def _without(surface: Surface, held: Array) -> Surface:
+    """A surface but for what is in a box, or at its faces, that stands on a rectangle: corners (8, 3)."""
+    middle = held.mean(axis=0)
+    edges = held[[4, 2, 1]] - held[0]
+    lengths = np.linalg.norm(edges, axis=1)
+    places = (np.asarray(surface.vertices) - middle) @ (edges / lengths[:, None]).T
+    inside = np.all(np.abs(places) <= lengths / 2 + GROWN_TOGETHER, axis=1)
+    return Surface(surface.vertices, surface.faces[~np.any(inside[surface.faces], axis=1)])

@@ -19,6 +19,8 @@ from neugrasp.robot.limits import Fence
 from neugrasp.robot.tool import Tool
 from neugrasp.robot.trajectory import Pace, Trajectory, timed
 
+LIFTS = (0.0, 0.05, 0.1, 0.15)
+"""Metres straight up after the retreat, the first that brings what is held out of what stands around."""
 LINE_STEP = 0.005
 """Metres between two positions on a line."""
 LINE_TURN = 0.05
@@ -43,13 +45,13 @@ class PickPlan:
     """As it is carried out: perhaps turned by pi about its approach, which is the same grasp, and as much
     deeper as open fingers are shorter (`Tool.standing`)."""
     carried: Carried
-    """The hand after it."""
+    """The hand after it, among what stands around."""
     way_in: Trajectory
     """From where the arm is to the pre-grasp."""
     approach: Trajectory
     """Straight to the grasp."""
     retreat: Trajectory
-    """Straight back."""
+    """Straight back, and up until what is held is above what stands around."""
     way_out: Trajectory
     """To where the object is dropped."""
 
@@ -175,16 +177,18 @@ class Motion:
                     problem = InCollision("arm, hand or camera would touch something on the line to it")
                 continue
             ways += 1
+            out = checker.lifted(carried, held)
             try:
                 way_in = self.way(start, candidate.approach[:1], checker)
-                way_out = self.way(candidate.retreat[-1], drop[None], checker, True, carried)
+                lift = self._lift(candidate, checker, out)
+                way_out = self.way(lift[-1], drop[None], checker, True, out)
             except NoPlan as error:
                 problem = PlanningFailed(f"{error}, on the way to the grasp or out again")
                 if ways == TRIES:
                     break
                 continue
             approach = self.timed([candidate.approach], self.approach_speed)
-            retreat = self.timed([candidate.retreat], self.approach_speed)
+            retreat = self.timed([candidate.retreat, lift], self.approach_speed)
             return PickPlan(
                 candidate.grasp,
                 carried,
@@ -205,6 +209,15 @@ class Motion:
                 yield _Candidate(same, approach, self.line(approach[-1], same.retreat))
             except Unreachable:
                 continue
+
+    def _lift(self, candidate: _Candidate, checker: CollisionChecker, carried: Carried) -> Array:
+        """Joints (m, 6) straight up from the retreat to where what is carried is free. Raises a `NoPlan`."""
+        pose, up = candidate.grasp.retreat, np.array(candidate.grasp.up)
+        for height in LIFTS:
+            lift = self.line(candidate.retreat[-1], rigid(pose[:3, :3], pose[:3, 3] + height * up))
+            if checker.is_free(lift[-1], True, carried):
+                return lift
+        raise InCollision("what is held would touch what stands around it")
 
     def _begun_in_the_open(self, candidate: _Candidate, checker: CollisionChecker) -> _Candidate:
         """The same, its straight way begun farther back where the pre-grasp is too near to what was seen:
