@@ -180,7 +180,7 @@ class Motion:
             out = checker.lifted(carried, held)
             try:
                 way_in = self.way(start, candidate.approach[:1], checker)
-                lift = self._lift(candidate, checker, out)
+                lift = self._lift(candidate, checker, carried, out)
                 way_out = self.way(lift[-1], drop[None], checker, True, out)
             except NoPlan as error:
                 problem = PlanningFailed(f"{error}, on the way to the grasp or out again")
@@ -210,12 +210,17 @@ class Motion:
             except Unreachable:
                 continue
 
-    def _lift(self, candidate: _Candidate, checker: CollisionChecker, carried: Carried) -> Array:
-        """Joints (m, 6) straight up from the retreat to where what is carried is free. Raises a `NoPlan`."""
+    def _lift(
+        self, candidate: _Candidate, checker: CollisionChecker, carried: Carried, out: Carried
+    ) -> Array:
+        """Joints (m, 6) straight up from the retreat to where what is carried is `out` of what stands around.
+        Raises a `NoPlan`."""
         pose, up = candidate.grasp.retreat, np.array(candidate.grasp.up)
         for height in LIFTS:
             lift = self.line(candidate.retreat[-1], rigid(pose[:3, :3], pose[:3, 3] + height * up))
-            if checker.is_free(lift[-1], True, carried):
+            if checker.is_free(lift[-1], True, out) and all(
+                checker.is_free(at, True, carried) for at in lift
+            ):
                 return lift
         raise InCollision("what is held would touch what stands around it")
 
