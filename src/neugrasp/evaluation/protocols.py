@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from neugrasp.execution import MIN_OPENING
 from neugrasp.geometry.pose import Array
 from neugrasp.grasp import Grasp
 
-ELSEWHERE = "elsewhere"
+ELSEWHERE: Final = "elsewhere"
 
 
 @dataclass(frozen=True)
