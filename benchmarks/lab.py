@@ -20,7 +20,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -124,13 +124,13 @@ class Lab:
         for name, per_kind in PAPER.items():
             yield f"| {name}, the paper's real table | {' | '.join(per_kind[kind] for kind in KINDS)} |"
         for name, domain, _ in self.played_rows():
-            yield f"| {_title(name, domain)} | {' | '.join(self._told(f'{name}-{kind}') for kind in KINDS)} |"
+            yield f"| {_title(name, domain)} | {' | '.join(self._told(name, kind) for kind in KINDS)} |"
 
-    def _told(self, row: str) -> str:
-        if not self._is_played(row):
-            done = len(list((self.out / row / "rounds").glob("[!.]*.json")))
+    def _told(self, name: str, kind: str) -> str:
+        if not (rows := self._played(kind, name)):
+            done = len(list((self.out / f"{name}-{kind}" / "rounds").glob("[!.]*.json")))
             return f"{done} of {self.options.rounds} rounds"
-        data = self._metrics(row)
+        data = _metrics(rows[0])
         rates = " / ".join(rate_cell(data, rate) for rate in _RATES)
         return f"{rates}; {data['successes']} of {data['attempts']} grasps, {data['objects']} objects"
 
@@ -154,30 +154,24 @@ class Lab:
         )
 
     def _gap(self, kind: str, rate: str) -> str:
-        rows = [f"{name}-{kind}" for name in ("training", "lab")]
-        if not all(map(self._is_played, rows)):
+        if not (rows := self._played(kind, "training", "lab")):
             return ""
-        sides, rng, column = (
-            [_counts(self.out / row) for row in rows],
-            np.random.default_rng(0),
-            _COLUMN[rate],
-        )
+        rng, column, sides = np.random.default_rng(0), _COLUMN[rate], [_counts(row) for row in rows]
         drawn = [_rate(s[rng.integers(len(s), size=(RESAMPLES, len(s)))], column) for s in sides]
-        return _points(_rate(sides[1], column) - _rate(sides[0], column), drawn[1] - drawn[0])
+        ends = np.percentile(drawn[1] - drawn[0], [2.5, 97.5])
+        return _points(_rate(sides[1], column) - _rate(sides[0], column), ends)
 
     def _gain(self, name: str, kind: str, rate: str) -> str:
         """The same rounds, paired."""
-        rows = [f"{one}-{kind}" for one in ("lab", name)]
-        if not all(map(self._is_played, rows)):
+        if not (rows := self._played(kind, "lab", name)):
             return ""
-        found = compare(*(self.out / row for row in rows))[rate]
-        return _points(found["difference"], np.array(found["ci"]))
+        found = _compared(*rows)[rate]
+        return _points(found["difference"], found["ci"])
 
     def _closed(self, name: str, kind: str, rate: str) -> str:
-        rows = [f"{one}-{kind}" for one in ("training", "lab", name)]
-        if not all(map(self._is_played, rows)):
+        if not (rows := self._played(kind, "training", "lab", name)):
             return ""
-        training, lab, adapted = (self._metrics(row)[rate] for row in rows)
+        training, lab, adapted = (_metrics(row)[rate] for row in rows)
         return f"{100 * (adapted - lab) / (training - lab):.0f} %" if training > lab else "there is none"
 
     def _learning(self) -> Iterator[str]:
@@ -193,22 +187,18 @@ class Lab:
 
     def _origin(self) -> Iterator[str]:
         options = self.options
-        commits = {self._metrics(row)["commit"] for row in self._all_rows() if self._is_played(row)}
+        rows = [self._played(kind, name) for name, _, _ in self.played_rows() for kind in KINDS]
+        commits = {_metrics(row)["commit"] for found in rows for row in found}
         yield (
             f"`python benchmarks/lab.py --out FOLDER --seed {options.seed} --scenes "
             f"{' '.join(map(str, options.scenes))} --rounds {options.rounds}`, "
             f"commit {', '.join(sorted(commits))}"
         )
 
-    def _all_rows(self) -> list[str]:
-        return [f"{name}-{kind}" for name, _, _ in self.played_rows() for kind in KINDS]
-
-    def _is_played(self, row: str) -> bool:
-        return (self.out / row / "metrics.json").is_file()
-
-    def _metrics(self, row: str) -> dict[str, Any]:
-        found: dict[str, Any] = json.loads((self.out / row / "metrics.json").read_text())
-        return found
+    def _played(self, kind: str, *names: str) -> list[Path]:
+        """The folders of these rows; none where one of them is not finished."""
+        rows = [self.out / f"{name}-{kind}" for name in names]
+        return rows if all((row / "metrics.json").is_file() for row in rows) else []
 
     def _seconds(self) -> dict[str, float]:
         file = self.out / "seconds.json"
@@ -246,10 +236,19 @@ def _title(name: str, domain: str) -> str:
     return f"NeuGrasp-RA, {name[2:]} scenes" if name.startswith("ra") else f"NeuGrasp, {domain}"
 
 
-def _points(difference: float, drawn: np.ndarray) -> str:
-    """With the 95 % interval of what was drawn, or the two ends of it."""
-    low, high = np.percentile(drawn, [2.5, 97.5]) if len(drawn) > 2 else drawn
+def _points(difference: float, ends: Sequence[float]) -> str:
+    """With its 95 % interval."""
+    low, high = ends
     return f"{difference:+.1f} ({low:+.1f} to {high:+.1f})"
+
+
+_compared = cache(compare)
+"""Each pair of rows is asked for two rates."""
+
+
+def _metrics(row: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((row / "metrics.json").read_text())
+    return found
 
 
 def _counts(folder: Path) -> np.ndarray:

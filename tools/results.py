@@ -143,8 +143,8 @@ def _constants(row: dict[str, Any]) -> str:
 def _paper(row: dict[str, Any]) -> str:
     rules = (row["protocol"], row["views"], row.get("split", "test"))
     sensors = (None, compared_method(row["detector"]).depth)
-    is_alike = rules == ("paper", "released", "test") and row["depth"] in sensors
-    is_alike = is_alike and "after_failure" not in row and "domain" not in row
+    is_plain = "after_failure" not in row and "domain" not in row
+    is_alike = rules == ("paper", "released", "test") and row["depth"] in sensors and is_plain
     knows_no_geometry = row.get("trained", {}).get("recipe") != CONTROL
     key = (row["detector"], row["scene"], row["materials"], row["strategy"])
     return PAPER.get(key, "") if is_alike and knows_no_geometry else ""

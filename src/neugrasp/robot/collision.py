@@ -50,8 +50,8 @@ class Carried:
     fingers: tuple[Any, ...]
     held: tuple[Any, ...]
     """One convex part, or none."""
-    others: Any = None
-    """What was seen but for what is held, once this is lifted out of it."""
+    others: tuple[Any, ...] = ()
+    """One mesh of what was seen but for what is held, once this is lifted out of it, or none."""
 
 
 class CollisionChecker:
@@ -73,8 +73,8 @@ class CollisionChecker:
         self._lowered_table = self._box(base_from_table, TABLE_SLACK)
         self._keep_out = [self._kept_out(base_from_world, box) for box in around.keep_out]
         self._base_from_world, self._surface_seen = base_from_world, around.surface
-        self._surface = self._mesh(base_from_world, around.surface)
-        self._wide = self._widened(tool, around.clearance) if self._surface is not None else []
+        self._surface = self._mesh(around.surface)
+        self._wide = self._widened(tool, around.clearance) if self._surface else []
         self._self_pairs = self._pairs()
 
     def carrying(self, fingers: Sequence[Array], held: Array | None) -> Carried:
@@ -89,7 +89,7 @@ class CollisionChecker:
         where it stood: from then on it is kept out of all else that was seen, too."""
         if held is None or self._surface_seen is None:
             return carried
-        return replace(carried, others=self._mesh(self._base_from_world, _without(self._surface_seen, held)))
+        return replace(carried, others=self._mesh(_without(self._surface_seen, held)))
 
     def is_free(self, joints: Array, grasping: bool = False, carried: Carried | None = None) -> bool:
         """Whether nothing touches anything with the joints at (6,). On the straight way to a grasp,
@@ -97,35 +97,33 @@ class CollisionChecker:
         it. What is `carried` is held against table, keep-out boxes and arm: the surface shows itself, too;
         once `lifted`, against the rest of the surface."""
         frames = self._model.frames(joints)
-        self._place(frames)
+        wide = [] if grasping else self._wide
+        self._place(frames, wide)
         fingers = self._fingers if carried is None else carried.fingers
         held = () if carried is None else carried.held
-        others = () if carried is None or carried.others is None else (carried.others,)
+        others = () if carried is None else carried.others
         for body in (*held, *(() if carried is None else fingers)):
             self._put(body, frames[-1])
         links = [body for frame, body, _ in self._links if frame >= LOWEST_LINK]
         apart = (*self._camera, *self._palm, *reversed(links))
         lowered = (self._lowered_table, *self._keep_out)
         solid = (self._table, *self._keep_out)
+        near = self._surface if grasping else ()
         return not (
             self._any((body, other) for body in fingers for other in (lowered if grasping else solid))
-            or self._any((body, other) for body in held for other in lowered)
-            or self._any((body, other) for body in held for other in others)
+            or self._any((body, other) for body in held for other in (*lowered, *others))
             or self._any((body, link) for body in held for link in links if link is not self._links[-1][1])
-            or self._meets_surface(apart if grasping else [body for _, body, _ in self._wide])
-            or self._any((body, other) for body in apart for other in solid)
+            or self._any((body, mesh) for _, body, _ in wide for mesh in self._surface)
+            or self._any((body, other) for body in apart for other in (*solid, *near))
             or self._any(self._self_pairs)
         )
-
-    def _meets_surface(self, bodies: Iterable[Any]) -> bool:
-        return self._surface is not None and self._any((body, self._surface) for body in bodies)
 
     def _any(self, pairs: Iterable[tuple[Any, Any]]) -> bool:
         result = self._fcl.CollisionResult
         return any(self._fcl.collide(a, b, self._request, result()) for a, b in pairs)
 
-    def _place(self, frames: Array) -> None:
-        for frame, body, in_frame in (*self._links, *self._wide):
+    def _place(self, frames: Array, wide: Sequence[tuple[int, Any, Array]]) -> None:
+        for frame, body, in_frame in (*self._links, *wide):
             self._put(body, frames[frame] @ in_frame)
         for body in (self._hand, *self._palm, *self._fingers, *self._camera):
             self._put(body, frames[-1])
@@ -190,18 +188,19 @@ class CollisionChecker:
         pose = base_from_world @ rigid(translation=(box.low + box.high) / 2)
         return self._object(self._fcl.Box(*(box.high - box.low).tolist()), pose)
 
-    def _mesh(self, base_from_world: Array, surface: Surface | None) -> Any:
+    def _mesh(self, surface: Surface | None) -> tuple[Any, ...]:
+        """One mesh, or none."""
         if surface is None or not len(surface.faces):
-            return None
+            return ()
         mesh = self._fcl.BVHModel()
         mesh.beginModel(len(surface.vertices), len(surface.faces))
         mesh.addSubModel(np.asarray(surface.vertices, dtype=np.float64), np.asarray(surface.faces))
         mesh.endModel()
-        return self._object(mesh, base_from_world)
+        return (self._object(mesh, self._base_from_world),)
 
 
 def _without(surface: Surface, held: Array) -> Surface:
-    """A surface but for what is in a box, or at its faces, that stands on a rectangle: corners (8, 3)."""
+    """A surface but for what is in a box, or at its faces: corners (8, 3) in the order of `held_box`."""
     middle = held.mean(axis=0)
     edges = held[[4, 2, 1]] - held[0]
     lengths = np.linalg.norm(edges, axis=1)

@@ -19,8 +19,8 @@ OFF_TABLE = 0.001
 
 
 def held_box(grasp: Grasp, detection: Detection) -> Array | None:
-    """Corners (8, 3) of a box, in the user's world, around what a grasp takes with it; None where nothing is
-    seen there, or the detector has no surface.
+    """Corners (8, 3) of a box, in the user's world, around what a grasp takes with it, its upright edge
+    changing first; None where nothing is seen there, or the detector has no surface.
 
     It is the connected matter between the two planes in which the pads close: what merely touches it
     elsewhere stays on the table. The box stands upright and is turned as the hand is.

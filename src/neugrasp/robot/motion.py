@@ -170,9 +170,9 @@ class Motion:
         problem: NoPlan = Unreachable("the arm does not reach the grasp in a straight line")
         ways = 0
         for followed in self._followed(start, grasp):
+            carried = checker.carrying(fingers, self._in_flange(followed.approach[-1], held))
             candidate = self._begun_in_the_open(followed, checker)
-            carried = checker.carrying(fingers, self._in_flange(candidate.approach[-1], held))
-            if not self._is_free(candidate, checker, carried):
+            if candidate is None or not self._is_free(candidate, checker, carried):
                 if ways == 0:
                     problem = InCollision("arm, hand or camera would touch something on the line to it")
                 continue
@@ -224,20 +224,20 @@ class Motion:
                 return lift
         raise InCollision("what is held would touch what stands around it")
 
-    def _begun_in_the_open(self, candidate: _Candidate, checker: CollisionChecker) -> _Candidate:
+    def _begun_in_the_open(self, candidate: _Candidate, checker: CollisionChecker) -> _Candidate | None:
         """The same, its straight way begun farther back where the pre-grasp is too near to what was seen:
-        open fingers beside something tall and wide."""
-        here = candidate.approach[0]
+        open fingers beside something tall and wide. None where the arm is not free there either."""
+        pregrasp = candidate.approach[0]
+        if checker.is_free(pregrasp):
+            return candidate
         for distance in STANDOFFS:
-            if checker.is_free(here):
-                break
             try:
-                back = self.line(candidate.approach[0], candidate.grasp.advanced(-distance).pose)
+                back = self.line(pregrasp, candidate.grasp.advanced(-distance).pose)
             except Unreachable:
-                break
-            here = back[-1]
-            candidate = replace(candidate, approach=np.concatenate([back[:0:-1], candidate.approach]))
-        return candidate
+                return None
+            if checker.is_free(back[-1]):
+                return replace(candidate, approach=np.concatenate([back[:0:-1], candidate.approach]))
+        return None
 
     def _in_flange(self, joints: Array, points: Array | None) -> Array | None:
         """Points (n, 3) of the world as the flange sees them with the joints at (6,)."""
@@ -248,8 +248,6 @@ class Motion:
 
     def _is_free(self, candidate: _Candidate, checker: CollisionChecker, carried: Carried) -> bool:
         """The ends first: what is in the way is found early."""
-        return (
-            checker.is_free(candidate.approach[0])
-            and all(checker.is_free(joints, grasping=True) for joints in candidate.approach[::-1])
-            and all(checker.is_free(joints, True, carried) for joints in candidate.retreat[::-1])
+        return all(checker.is_free(joints, grasping=True) for joints in candidate.approach[::-1]) and all(
+            checker.is_free(joints, True, carried) for joints in candidate.retreat[::-1]
         )
