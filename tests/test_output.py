@@ -474,6 +474,49 @@ def test_an_interruption_in_the_first_second_leaves_no_traceback(seconds: float)
     assert process.returncode == 130
 
 
+DROPPED = """
+import sys, time, types, weakref
+from neugrasp.__main__ import main
+
+class Thing:
+    pass
+
+def end(_=None):
+    print(flush=True)
+    time.sleep(60)
+
+def run(_):
+    thing = Thing()
+    watched = weakref.ref(thing, end)
+    if where == "finaliser":
+        watched, Thing.__del__ = None, end
+    del thing
+    time.sleep(600)
+
+where = sys.argv[1]
+sys.modules["neugrasp.evaluation.compare"] = types.SimpleNamespace(run=run)
+sys.argv[1:] = ["compare", "/nowhere", "/no"]
+sys.exit(main())
+"""
+"""The program while Python runs what it drops interruptions of; a line when it is there."""
+
+
+@pytest.mark.parametrize("where", ["finaliser", "callback"])
+def test_an_interruption_is_heeded_where_python_drops_it(where: str):
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    heeds = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    with subprocess.Popen([sys.executable, "-c", DROPPED, where], preexec_fn=heeds, **pipes) as process:
+        process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        try:
+            _, said = process.communicate(timeout=60)
+        finally:
+            process.kill()
+    assert said.endswith(b"neugrasp: interrupted\n")
+    assert b"ignored" not in said
+    assert process.returncode == 130
+
+
 @pytest.mark.slow
 def test_the_package_loads_where_there_are_no_file_locks():
     """Windows has no fcntl."""
