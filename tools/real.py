@@ -8,7 +8,8 @@ pixel for pixel those of the photos) VGN plays, too.
 
 Columns: from points of the surface found to the visible measured one and back, above the table (median / 90 %
 in mm); how much higher the upper ends of round objects were found (mm); how far from its axis the TCP of the
-best grasp of each round object lies, and all grasps along the closing of the fingers (mm); widths (mm); SR.
+best grasp of each round object lies, and all grasps along the closing of the fingers (mm); widths (mm); SR. An
+evaluator's grasps count where a robot would carry them out, at most its margin below the best.
 """
 
 from __future__ import annotations
@@ -102,7 +103,11 @@ def judged(judge: Judge, surface: Surface, detection: Detection) -> dict[str, An
     """Everything about one detector in one scene; `surface` is in the workspace frame."""
     found = sampled(surface, np.random.default_rng(0), NUM_POINTS)
     workspace_from_world = inverse(judge.scene.views.workspace.world_from_workspace)
-    grasps = [judge.grasp(grasp.moved(workspace_from_world)) for grasp in detection.grasps]
+    least = detection.grasps[0].score - (detection.margin or 1) if detection.grasps else 0
+    grasps = [
+        judge.grasp(grasp.moved(workspace_from_world)) | {"good_enough": grasp.score >= least}
+        for grasp in detection.grasps
+    ]
     return {"surface": surface_errors(found, judge.truth, judge.scene), "grasps": grasps}
 
 
@@ -148,7 +153,7 @@ def table_of(results: dict[str, dict[str, Any]]) -> str:
 
 def _cells(results: list[dict[str, Any]]) -> tuple[str, ...]:
     surfaces = [result["surface"] for result in results if result["surface"]["points"]]
-    grasps = [grasp for result in results for grasp in result["grasps"]]
+    grasps = [grasp for result in results for grasp in result["grasps"] if grasp["good_enough"]]
     heights = [h for s in surfaces for h in s["height"] if h is not None]
     held = sum(grasp["reason"] == "success" for grasp in grasps)
     low, high = wilson_interval(held, len(grasps))
@@ -192,7 +197,10 @@ def score(args: argparse.Namespace) -> dict[str, dict[str, Any]]:
     if not folders:
         raise InputError(f"{args.dir}: holds no folder with a ground_truth.json")
     gripper = Gripper.load("panda")
-    detector = NeuGraspDetector.load(args.weights)
+    detectors = {
+        "neugrasp": NeuGraspDetector.load(args.weights),
+        "neugrasp-evaluator": NeuGraspDetector.load(args.weights, evaluator=args.evaluator),
+    }
     vgn = VgnDetector(VgnHead.load(str(args.vgn)), gripper) if args.vgn else None
     results: dict[str, dict[str, Any]] = defaultdict(dict)
     with TemporaryDirectory() as temporary:
@@ -201,17 +209,19 @@ def score(args: argparse.Namespace) -> dict[str, dict[str, Any]]:
             scene = RealScene.read(folder, meshes)
             judge = Judge(scene, meshes, gripper)
             physics = {"lifted_mm": judge.lifted_mm, "settled_mm": judge.settled_mm}
-            detection = detector.detect(scene.views)
-            surface = surface_of(detection.grid(), scene.views.workspace)
-            results["neugrasp"][scene.name] = judged(judge, surface, detection) | physics
+            for name, detector in detectors.items():
+                detection = detector.detect(scene.views)
+                surface = surface_of(detection.grid(), scene.views.workspace)
+                results[name][scene.name] = judged(judge, surface, detection) | physics
+                if args.pictures:
+                    args.pictures.mkdir(parents=True, exist_ok=True)
+                    shown = picture(scene, detection.grasps, gripper)
+                    shown.save(args.pictures / f"{scene.name}_{name}.png")
             if vgn and scene.depths:
                 depths = scene.depth_views()
                 found = judged(judge, fused_surface(depths), vgn.detect(depths))
                 results["vgn on measured depth"][scene.name] = found | physics
             judge.world.close()
-            if args.pictures:
-                args.pictures.mkdir(parents=True, exist_ok=True)
-                picture(scene, detection.grasps, gripper).save(args.pictures / f"{scene.name}.png")
     return results
 
 
@@ -222,6 +232,7 @@ def main() -> None:
     )
     parser.add_argument("dir", type=Path)
     parser.add_argument("--weights", default="neugrasp", help="a name of bundled weights, or a file")
+    parser.add_argument("--evaluator", default="neugrasp", help="a name of a bundled evaluator, or a file")
     parser.add_argument("--vgn", type=Path, help="vgn_conv.pth of github.com/ethz-asl/vgn")
     parser.add_argument("--json", type=Path, help="where all numbers are written")
     parser.add_argument("--pictures", type=Path, help="a folder for photos with meshes and grasps")

@@ -95,7 +95,8 @@ def test_a_grasp_on_the_axis_holds_and_one_beside_the_object_does_not(judge: Jud
     assert beside["reason"] == "nothing between the fingers"
     assert (beside["off_axis_mm"], beside["sideways_mm"]) == (pytest.approx(100), pytest.approx(0, abs=0.01))
     surface = surface_errors(judge.truth, judge.truth, judge.scene)
-    table = table_of({"mine": {"one": {"surface": surface, "grasps": [held, beside]}}})
+    grasps = [one | {"good_enough": True} for one in (held, beside)] + [beside | {"good_enough": False}]
+    table = table_of({"mine": {"one": {"surface": surface, "grasps": grasps}}})
     assert table.splitlines()[-1].startswith("| mine | all | 0.0 / 0.0 | 0.0 / 0.0 | +0.0 |")
     assert "1 of 2" in table
 
