@@ -33,7 +33,7 @@ from neugrasp.errors import NeuGraspError
 from neugrasp.execution import AT_PREGRASP, NOTHING_HELD, ON_APPROACH, SLIPPED, SUCCESS
 from neugrasp.geometry.pose import Array, to_quaternion
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.gripper import Gripper, gripper_hash
+from neugrasp.gripper import Gripper
 from neugrasp.model.grasp_evaluator import FineGrid
 from neugrasp.output import whole_file
 from neugrasp.run_folder import check_run_config
@@ -173,6 +173,7 @@ def main() -> None:
         "--predicted-only", action="store_true", help="of photos, not on the true surface, too"
     )
     parser.add_argument("--num", type=int, default=100)
+    parser.add_argument("--first", type=int, default=0, help="number of the first scene")
     parser.add_argument("--draws", type=int, default=100, help="grasps drawn in each state")
     parser.add_argument(
         "--each", type=int, default=1, help="grasps tried around one that closed on something"
@@ -188,18 +189,17 @@ def main() -> None:
         judge = Judge.load(options.evaluator, options.gripper, Workspace())
         judge.config = LIKED
     options.out.mkdir(parents=True, exist_ok=True)
-    check_run_config(
-        options.out / ABOUT, about_lessons(gripper.name, gripper_hash(options.gripper)), "set of lessons"
-    )
+    check_run_config(options.out / ABOUT, about_lessons(gripper), "set of lessons")
     folders = [] if options.photos is None else sorted((options.photos / "scenes").glob("[!.]*"))
     if options.photos is not None and not folders:
         raise SystemExit(f"{options.photos}: no records in scenes/")
     detector = NeuGraspDetector.load(options.weights, options.gripper) if folders else None
-    count = min(options.num, len(folders)) if folders else options.num
+    last = options.first + options.num
+    last = min(last, len(folders)) if folders else last
     with World(Workspace(), library, gripper) as world:
         propose = Proposals(Candidates(gripper), options.draws, judge)
         maker = Maker(world, propose, options.each, options.predicted_only)
-        for index in range(count):
+        for index in range(options.first, last):
             name = folders[index].name if folders else f"{options.scene}-{options.seed}-{index:06d}"
             path, rng = options.out / f"{name}.npz", np.random.default_rng([options.seed, index])
             if path.is_file():
@@ -221,7 +221,7 @@ def main() -> None:
             sums.update({"scenes": 1, "grids": len(lesson.grids), "trials": len(lesson)})
             sums.update({"free": int(lesson.free.sum()), "held": int(lesson.success.sum())})
             if (index + 1) % 5 == 0:
-                tell(f"{index + 1} of {count}: {dict(sums)}")
+                tell(f"{index + 1} of {last}: {dict(sums)}")
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ import tyro
 from neugrasp.data.scene_folder import read_scene
 from neugrasp.data.whole_or_nothing import whole_or_nothing
 from neugrasp.demo.bundled import demo_scenes
-from neugrasp.detection.detector import NeuGraspDetector
+from neugrasp.detection.registry import load_detector
 
 
 def main(
@@ -30,7 +30,7 @@ def main(
 ) -> None:
     """Predicts one scene; without --scene, the first of the bundled ones."""
     views = read_scene(scene or demo_scenes()[0].folder)
-    detector = NeuGraspDetector.load(weights, gripper)
+    detector = load_detector(weights=weights, gripper=gripper)
     detection = detector.detect(views)
 
     print(f"{len(detection.grasps)} grasps in {sum(detection.timing_s.values()):.1f} s")
@@ -41,7 +41,7 @@ def main(
             f"approach {grasp.approach.round(2)}  width {grasp.width * 1000:.0f} mm"
         )
     if not detection.grasps:
-        print(f"best quality {detection.best_rejected:.2f}; voxels rejected: {detection.rejected}")
+        print(f"best score {detection.best_rejected:.2f}; rejected: {detection.rejected}")
 
     with whole_or_nothing(out) as part:
         detection.write(part, views)

@@ -22,7 +22,7 @@ import tyro
 
 from neugrasp.data.scene_folder import read_scene, write_scene
 from neugrasp.demo.bundled import demo_scenes
-from neugrasp.detection.detector import NeuGraspDetector
+from neugrasp.detection.registry import load_detector
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.pose import rigid, rotation_about
 from neugrasp.geometry.workspace import Workspace
@@ -57,7 +57,7 @@ def main(source: Path | None = None, weights: str = "neugrasp", out: Path = Path
     write_scene(out, Views(tuple(views), Workspace(world_from_workspace=WORLD_FROM_WORKSPACE)))
 
     # Reading checks everything: sizes, poses in millimetres, cameras that look away from the workspace.
-    detection = NeuGraspDetector.load(weights).detect(read_scene(out))
+    detection = load_detector(weights=weights).detect(read_scene(out))
     print(f"{len(detection.grasps)} grasps; the scene is in {out}")
     for grasp in detection.grasps[:3]:
         print(f"score {grasp.score:.2f}  TCP at {grasp.position.round(3)} in the robot's base")

@@ -24,7 +24,7 @@ from PIL import Image
 
 from neugrasp.data.scene_folder import read_scene
 from neugrasp.demo.bundled import demo_scenes
-from neugrasp.detection.detector import NeuGraspDetector
+from neugrasp.detection.registry import load_detector
 from neugrasp.exporters import graspnet, ros
 from neugrasp.geometry.pose import inverse, rigid, rotation_about
 from neugrasp.importers.command import Import
@@ -63,7 +63,7 @@ def main(source: Path | None = None, weights: str = "neugrasp", out: Path = Path
     capture(source or demo_scenes()[0].folder, foreign)
     alignment = foreign / "alignment.json"
     run = Import(format="nerfstudio", source=foreign, out=out / "imported", alignment=alignment)
-    detector = NeuGraspDetector.load(weights)
+    detector = load_detector(weights=weights)
     grasps = detector.detect(import_scene(run)).grasps
     ros.write(out / "grasps_ros.json", grasps, detector.gripper, ros.Stamp("base_link"))
     graspnet.write(out / "grasps.npy", grasps, detector.gripper)

@@ -33,6 +33,8 @@ def test_a_client_of_detections_needs_no_torch():
 
 def test_a_detector_by_name_by_weights_or_of_ones_own():
     assert isinstance(ng.load_detector(threshold=0.5), ng.NeuGraspDetector)
+    assert ng.load_detector().judge is not None
+    assert ng.load_detector("neugrasp").judge is None
     assert ng.load_detector("neugrasp-tsdf", gripper="robotiq_2f85").gripper.name == "robotiq_2f85"
     assert type(ng.load_detector("toy_detector:SPEC")).__name__ == "Downwards"
     with pytest.raises(ng.InputError, match="no weights 'nothing'"):

@@ -8,8 +8,8 @@ pixel for pixel those of the photos) VGN plays, too.
 
 Columns: from points of the surface found to the visible measured one and back, above the table (median / 90 %
 in mm); how much higher the upper ends of round objects were found (mm); how far from its axis the TCP of the
-best grasp of each round object lies, and all grasps along the closing of the fingers (mm); widths (mm); SR. An
-evaluator's grasps count where a robot would carry them out, at most its margin below the best.
+best grasp of each round object lies, and all grasps along the closing of the fingers (mm); widths (mm); SR.
+An evaluator's grasps count where a robot would carry them out, at most its margin below the best.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from neugrasp.detection.judge import Judge, JudgeConfig, apart
 from neugrasp.geometry.pose import rigid
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.gripper import Gripper
-from neugrasp.model.grasp_evaluator import BOX, LEVELS, GraspEvaluator, box_points
+from neugrasp.model.grasp_evaluator import BOX, LEVELS, GraspEvaluator, Hand, box_points
 
 WORKSPACE, GRIPPER = Workspace(), Gripper.load("panda")
 CENTRE, RADIUS = np.array([0.16, 0.14, 0.09]), 0.025
@@ -28,7 +28,7 @@ class Deep(GraspEvaluator):
         self.tcp = int(np.linalg.norm(box_points().numpy(), axis=1).argmin())
         self.unused = nn.Identity()
 
-    def forward(self, box: torch.Tensor, of_up: torch.Tensor) -> torch.Tensor:
+    def forward(self, box: torch.Tensor, of_up: torch.Tensor, hand: Hand) -> torch.Tensor:
         assert box.shape[1:] == BOX
         return -8 * box.reshape(len(box), -1)[:, self.tcp].float() / LEVELS
 
@@ -103,7 +103,7 @@ def test_what_is_thinner_than_a_voxel_has_a_width_and_nothing_has_none():
 
 def test_a_grasp_of_nothing_is_dropped_and_counted():
     class Sure(Deep):
-        def forward(self, box: torch.Tensor, of_up: torch.Tensor) -> torch.Tensor:
+        def forward(self, box: torch.Tensor, of_up: torch.Tensor, hand: Hand) -> torch.Tensor:
             return torch.full((len(box),), 5.0)
 
     above = rigid(np.diag([1.0, -1.0, -1.0]), (0.05, 0.25, 0.2))[None]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,12 +13,13 @@ import torch
 
 from neugrasp.data.scene_folder import read_scene
 from neugrasp.demo.bundled import demo_scenes
-from neugrasp.detection.detector import NeuGraspDetector
+from neugrasp.detection.detector import AUTO, JUDGED, NeuGraspDetector
+from neugrasp.detection.judge import Judge
+from neugrasp.detection.options import DetectorOptions
 from neugrasp.errors import InputError
 from neugrasp.evaluation.commands import Evaluate
 from neugrasp.evaluation.run import evaluate
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.gripper import gripper_hash
 from neugrasp.model.evaluator_file import load_evaluator, save_evaluator, shipped_evaluators
 from neugrasp.model.grasp_evaluator import GraspEvaluator
 from neugrasp.report.command import Predict
@@ -38,7 +40,7 @@ def evaluator(tmp_path_factory) -> Path:
     """One that knows nothing yet."""
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("evaluator") / "young.safetensors"
-    about = {"gripper": "panda", "gripper_sha256": gripper_hash("panda"), "threshold": 0.1}
+    about = {"grippers": ["panda"], "threshold": 0.1}
     save_evaluator(path, GraspEvaluator((4, 6, 8), 8), Workspace(), about)
     return path
 
@@ -78,13 +80,23 @@ def test_photos_are_judged_by_it(evaluator):
 
 
 def test_it_refuses_what_it_was_not_made_for(evaluator, tmp_path):
-    with pytest.raises(InputError, match=r"taught with the gripper 'panda', not with"):
-        NeuGraspDetector.load(evaluator=evaluator, gripper="robotiq_2f85")
     other = tmp_path / "other.safetensors"
-    about = {"gripper": "panda", "gripper_sha256": gripper_hash("panda")}
-    save_evaluator(other, GraspEvaluator((2, 2, 2), 2), Workspace(size=0.6), about)
+    save_evaluator(other, GraspEvaluator((2, 2, 2), 2), Workspace(size=0.6), {})
     with pytest.raises(InputError, match=r"reads a cube of 0\.6 m"):
         NeuGraspDetector.load(evaluator=other)
+
+
+def test_auto_asks_an_evaluator_that_knows_the_weights(evaluator):
+    def asked(**options: Any) -> Judge | None:
+        return AUTO.load(DetectorOptions(**options)).judge
+
+    assert asked().config.threshold == load_evaluator("neugrasp").about["threshold"]
+    assert asked(gripper="robotiq_2f85").gripper.name == "robotiq_2f85"
+    assert asked(weights="neugrasp-tsdf") is None
+    assert asked(weights="neugrasp-tsdf", evaluator=str(evaluator)).config.threshold == 0.1
+    assert asked(hand_check=False) is None
+    assert AUTO.facts(DetectorOptions()) == JUDGED.facts(DetectorOptions())
+    assert AUTO.facts(DetectorOptions(weights="neugrasp-tsdf"))["hand_check"]
 
 
 @pytest.mark.slow
@@ -95,9 +107,21 @@ def test_predict_asks_the_bundled_one(tmp_path):
     assert all(grasp["score"] >= load_evaluator("neugrasp").about["threshold"] for grasp in grasps)
 
 
+@pytest.mark.slow
+def test_another_gripper_is_judged_as_another_gripper(evaluator):
+    views = read_scene(demo_scenes()[0].folder)
+    found = [
+        NeuGraspDetector.load(evaluator=evaluator, gripper=gripper).detect(views)
+        for gripper in ("panda", "robotiq_2f85")
+    ]
+    assert found[1].gripper.name == "robotiq_2f85"
+    assert found[1].grasps
+    assert found[0].grasps[0].score != found[1].grasps[0].score
+
+
 def test_the_bundled_one_is_small_and_knows_the_panda():
     (path,) = shipped_evaluators().values()
     assert path.stat().st_size < 500_000
     about = load_evaluator("neugrasp").about
-    assert about["gripper_sha256"] == gripper_hash("panda")
+    assert "panda" in about["grippers"]
     assert about["scores"]["auc"] > 0.9

@@ -39,6 +39,7 @@ from neugrasp.geometry.workspace import Workspace
 from neugrasp.model.checkpoint import load_checkpoint, save_checkpoint
 from neugrasp.model.network import NeuGrasp
 from neugrasp.robot.pick import REASONS
+from neugrasp.robot.simulated_cameras import TruthCamera
 from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
 from neugrasp.simulation.renderer import RenderSettings
@@ -405,3 +406,21 @@ def test_a_lab_is_played_with_its_own_hand_and_named_in_what_it_depends_on(tmp_p
         evaluate(small(tmp_path / "depth", domain="lab", detector="vgn"))
     with pytest.raises(InputError, match="--domain attic"):
         evaluate(small(tmp_path / "attic", domain="attic"))
+
+
+@pytest.mark.slow
+def test_what_physics_has_tried_holds_when_it_is_carried_out(tmp_path):
+    """The perfect judge's grasps succeed, and trying them has moved nothing."""
+    config = Evaluate(
+        out=tmp_path / "rounds", detector="perfect-judge", scene="packed", rounds=2, seed=5, workers=1
+    )
+    metrics = evaluate(config)
+    assert metrics["attempts"] >= 4
+    assert metrics["successes"] == metrics["attempts"]
+    runner = EpisodeRunner(config, None)
+    runner.robot(runner.round(0), TruthCamera(runner.world))
+    before, truth = runner.world.bodies(), TruthCamera(runner.world).capture()
+    found = runner.detector.detect(truth)
+    assert len(found.grasps) > 0
+    assert runner.world.bodies() == before
+    runner.world.close()

@@ -1,15 +1,20 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
+from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
 from neugrasp.geometry.pose import rigid
 from neugrasp.geometry.workspace import Workspace
+from neugrasp.gripper import Gripper, bundled
 from neugrasp.model.grasp_evaluator import (
     BOX,
     LEVELS,
     FineGrid,
     GraspEvaluator,
+    Hand,
     box_points,
     boxes,
     mirrored,
@@ -17,6 +22,7 @@ from neugrasp.model.grasp_evaluator import (
 )
 
 WORKSPACE = Workspace()
+HAND = Hand.of(Gripper.load("panda"))
 TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
@@ -112,7 +118,9 @@ def test_mirror_images_get_one_answer():
     of_up = torch.randn(5, 4)
     for x, y in ((True, False), (False, True), (True, True)):
         assert torch.allclose(
-            network.symmetric(box, of_up), network.symmetric(*mirrored(box, of_up, x, y)), atol=1e-5
+            network.symmetric(box, of_up, HAND),
+            network.symmetric(*mirrored(box, of_up, x, y), HAND.mirrored(x, y)),
+            atol=1e-5,
         )
 
 
@@ -120,4 +128,46 @@ def test_no_grasps_are_no_answers():
     none = torch.zeros(0, 4, 4)
     box = boxes(FineGrid.of(ball((0.15, 0.15, 0.08)), WORKSPACE), none)
     assert box.shape == (0, *BOX)
-    assert GraspEvaluator().eval()(box, numbers(none, WORKSPACE)).shape == (0,)
+    assert GraspEvaluator().eval()(box, numbers(none, WORKSPACE), HAND).shape == (0,)
+
+
+@pytest.mark.parametrize("name", bundled())
+def test_a_hand_is_where_its_parts_are(name: str):
+    """Of each place of the box, whether it lies inside a part, as a linear program would say."""
+    gripper = Gripper.load(name)
+    places = box_points().numpy()
+    mount = np.array([0, gripper.max_opening / 2, gripper.finger_mount])
+    fingers = [hull + mount for hull in gripper.finger.hulls]
+    parts = [*gripper.palm.hulls, *fingers, *(hull * [-1, -1, 1] for hull in fingers)]
+    inside = np.any(
+        [Delaunay(part - [0, 0, gripper.tcp_height]).find_simplex(places) >= 0 for part in parts], axis=0
+    )
+    told = Hand.of(gripper).box.reshape(-1).numpy()
+    assert inside.any()
+    assert (told[~inside] > -1e-6).all()
+    assert (told[inside] < 1e-6).all()
+
+
+def test_between_open_fingers_nothing_is():
+    told = HAND.box[0]
+    middle, tip = 11, 11  # y = 0, and z within 1 mm of the TCP
+    assert abs(float(box_points().reshape(*BOX, 3)[3, middle, tip, 2])) < 0.005
+    assert float(told[3, middle, tip]) == pytest.approx(1, abs=0.35)
+    assert float(told[3, middle, 0]) < 0  # the palm, 9 cm behind
+
+
+def test_a_wider_gripper_of_the_same_shape_is_told_apart():
+    gripper = Gripper.load("panda")
+    wider = Hand.of(replace(gripper, max_opening=0.1))
+    assert not torch.equal(wider.box, HAND.box)
+    assert float(wider.numbers[0, 0]) == pytest.approx(0.25)
+    assert HAND.numbers.tolist() == [[0, 0, 0]]
+
+
+def test_one_hand_for_all_is_one_for_each():
+    torch.manual_seed(0)
+    network = GraspEvaluator((4, 6, 8), 8).eval()
+    box = torch.randint(-LEVELS, LEVELS, (5, *BOX), dtype=torch.int8)
+    of_up = torch.randn(5, 4)
+    each = HAND[torch.zeros(5, dtype=torch.int64)]
+    assert torch.allclose(network(box, of_up, HAND), network(box, of_up, each), atol=1e-6)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from neugrasp.data.lessons import gripper_of, read_lesson
-from neugrasp.gripper import gripper_hash
+from neugrasp.gripper import Gripper
 
 PROGRAM = Path(__file__).parents[2] / "benchmarks" / "evaluator_lessons.py"
 
@@ -24,7 +24,31 @@ def test_scenes_are_cleared_and_a_stopped_run_goes_on(tmp_path: Path):
     lesson = read_lesson(tmp_path / "single-3-000000.npz")
     assert len(lesson) > 0
     assert not (lesson.success & ~lesson.free).any()
-    assert gripper_of([tmp_path]) == {"gripper": "panda", "gripper_sha256": gripper_hash("panda")}
+    assert gripper_of(tmp_path).to_dict() == Gripper.load("panda").to_dict()
+
+
+@pytest.mark.slow
+def test_grippers_that_nobody_built_try_grasps(tmp_path: Path):
+    """Of 40, all are grippers; one of them makes a lesson."""
+    made = tmp_path / "grippers"
+    words = [sys.executable, str(PROGRAM.with_name("sampled_grippers.py")), str(made), "--num", "40"]
+    subprocess.run(words, check=True, capture_output=True)
+    grippers = [Gripper.load(file) for file in sorted(made.glob("*.json"))]
+    assert len({gripper.max_opening for gripper in grippers}) == 40
+    lessons = [
+        str(PROGRAM),
+        str(tmp_path / "out"),
+        "--scene",
+        "single",
+        "--draws",
+        "8",
+        "--sets",
+        "glassware",
+    ]
+    lessons += ["--num", "1", "--first", "2", "--gripper", str(sorted(made.glob("*.json"))[3])]
+    subprocess.run([sys.executable, *lessons], check=True, cwd=PROGRAM.parent)
+    assert gripper_of(tmp_path / "out").to_dict() == grippers[3].to_dict()
+    assert [file.name for file in (tmp_path / "out").glob("*.npz")] == ["single-1000-000002.npz"]
 
 
 @pytest.mark.slow

@@ -13,19 +13,19 @@ import torch
 from hypothesis import strategies as st
 from safetensors.torch import load_file, save_file
 
-from ball_lessons import lesson, told_of, write_lessons
+from ball_lessons import lesson, write_lessons
 from damage import damaged_json, fuzz, many, split, with_metadata
-from neugrasp.data.lessons import ABOUT, gripper_of, joined, read_lesson, write_lesson
-from neugrasp.detection.judge import Judge
+from neugrasp.data.lessons import ABOUT, Lesson, gripper_of, joined, read_lesson, write_lesson
 from neugrasp.errors import InputError
 from neugrasp.geometry.workspace import Workspace
+from neugrasp.gripper import Gripper
 from neugrasp.model.evaluator_file import load_evaluator, save_evaluator
 from neugrasp.model.grasp_evaluator import GraspEvaluator
 from neugrasp.training.evaluator import EvaluatorConfig, EvaluatorRun, train_evaluator
-from neugrasp.training.evaluator_scores import judgement, reliability_table
+from neugrasp.training.evaluator_scores import judgement, probabilities, reliability_table
 from neugrasp.training.evaluator_trials import seen_of
 
-WORKSPACE = Workspace()
+WORKSPACE, PANDA = Workspace(), Gripper.load("panda")
 TINY = EvaluatorConfig(steps=6, batch=16, widths=(4, 6, 8), hidden=8, checkpoint_every=2)
 
 
@@ -88,15 +88,15 @@ def test_nothing_said_of_lessons_does(examples, data, tmp_path):
 
     def read(text: str) -> None:
         (tmp_path / ABOUT).write_text(text, encoding="utf-8")
-        gripper_of([tmp_path])
+        gripper_of(tmp_path)
 
     fuzz(read, damaged_json(right), examples)
 
 
 def test_each_trial_is_seen_in_its_own_grid():
     one, other = lesson(1, 6), lesson(2, 6)
-    apart = [seen_of([each], WORKSPACE) for each in (one, other)]
-    together = seen_of([joined([one, other])], WORKSPACE)
+    apart = [seen_of([(each, PANDA)], WORKSPACE) for each in (one, other)]
+    together = seen_of([(joined([one, other]), PANDA)], WORKSPACE)
     assert torch.equal(together.box, torch.cat([each.box for each in apart]))
     assert together.success.tolist() == [*one.success, *other.success]
 
@@ -133,14 +133,14 @@ def test_it_learns_where_a_ball_is_held(data, tmp_path):
 
 
 def test_the_reliability_curve_of_one_who_knows_nothing(data):
-    seen = seen_of([read_lesson(file) for file in sorted(data.glob("*.npz"))], WORKSPACE)
+    seen = seen_of([(read_lesson(file), PANDA) for file in sorted(data.glob("*.npz"))], WORKSPACE)
 
     class Half(torch.nn.Module):
         def __init__(self):
             super().__init__()
             self.anywhere = torch.nn.Parameter(torch.zeros(1))
 
-        def symmetric(self, box, of_up):
+        def symmetric(self, box, of_up, hand):
             return torch.zeros(len(box))
 
     scores = judgement(Half(), seen)
@@ -155,17 +155,41 @@ def test_no_lessons_no_training(tmp_path):
         train_evaluator(EvaluatorRun(data=(tmp_path,), out=tmp_path / "out", config=TINY))
 
 
-def test_lessons_of_two_grippers_are_not_mixed(data, tmp_path):
+@pytest.mark.slow
+def test_one_evaluator_learns_what_each_of_two_grippers_holds(data, tmp_path):
+    """The same balls; one gripper holds them where the other has let go."""
+    wide = write_lessons(tmp_path / "wide", 12, "robotiq_2f85", near=0.012)
+    config = replace(TINY, steps=800, batch=64, checkpoint_every=800)
+    weights = train_evaluator(EvaluatorRun(data=(data, wide), out=tmp_path / "out", config=config))
+    found = load_evaluator(weights)
+    assert found.about["grippers"] == ["panda", "robotiq_2f85"]
+    files, said = sorted(data.glob("*.npz")), []
+    for gripper in (PANDA, Gripper.load("robotiq_2f85")):
+        seen = seen_of([(read_lesson(file), gripper) for file in files], WORKSPACE)
+        said.append(probabilities(found.model(), seen))
+    middling = np.concatenate([_between(read_lesson(file), 0.015, 0.026) for file in files])
+    assert middling.sum() > 50
+    assert said[0][middling].mean() > said[1][middling].mean() + 0.4
+
+
+def _between(of: Lesson, near: float, far: float) -> np.ndarray:
+    """Which trials were between so many metres from the ball's middle."""
+    places = WORKSPACE.voxel_centres()
+    centre = places[(of.grids[0] < -0.6) & (places[..., 2] > 0.06)].mean(axis=0)
+    away = np.linalg.norm((of.positions - centre)[:, :2], axis=1)
+    return (away > near) & (away < far)
+
+
+def test_lessons_say_what_gripper_tried(data, tmp_path):
+    assert gripper_of(data).to_dict() == PANDA.to_dict()
     write_lesson(tmp_path / "ball-05.npz", lesson(5))
-    told_of(tmp_path, "mine")
-    with pytest.raises(InputError, match="tried with mine, others with panda"):
+    with pytest.raises(InputError, match=r"lessons\.json"):
         train_evaluator(EvaluatorRun(data=(data, tmp_path), out=tmp_path / "out", config=TINY))
-
-
-def test_an_evaluator_knows_its_gripper(data, tmp_path):
-    weights = train_evaluator(EvaluatorRun(data=(data,), out=tmp_path, config=replace(TINY, steps=1)))
-    with pytest.raises(InputError, match="taught with the gripper 'panda', not with"):
-        Judge.load(weights, "panda", WORKSPACE)  # one of another hash
+    about = json.loads((data / ABOUT).read_text())
+    about["gripper"]["max_opening"] = -1
+    (tmp_path / ABOUT).write_text(json.dumps(about))
+    with pytest.raises(InputError, match=r"lessons\.json: gripper\.max_opening is -1"):
+        gripper_of(tmp_path)
 
 
 def test_a_damaged_evaluator_is_named(data, tmp_path):

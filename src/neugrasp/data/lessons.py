@@ -6,7 +6,6 @@ model's prediction from photos, and one file may hold several.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,11 +19,12 @@ from neugrasp.data.strict_json import read_json
 from neugrasp.data.user_files import read_bytes
 from neugrasp.errors import DataError, InputError, told_as
 from neugrasp.geometry.workspace import USUAL
+from neugrasp.gripper import Gripper
 from neugrasp.output import whole_file
 
 ABOUT = "lessons.json"
 """In a folder of lessons: what all of them have in common."""
-FORMAT, VERSION = "neugrasp-lessons", 1
+FORMAT, VERSION = "neugrasp-lessons", 2
 COLUMNS: Columns = {
     "positions": (np.float32, (3,)),
     "quaternions": (np.float32, (4,)),
@@ -91,25 +91,13 @@ def read_lesson(path: Path) -> Lesson:
     return Lesson(**arrays)
 
 
-def about_lessons(gripper: str, gripper_sha256: str) -> dict[str, Any]:
-    """What stands in `ABOUT`."""
-    return {"format": FORMAT, "version": VERSION, "gripper": gripper, "gripper_sha256": gripper_sha256}
+def about_lessons(gripper: Gripper) -> dict[str, Any]:
+    """What stands in `ABOUT`: the gripper that tried, as in its file."""
+    return {"format": FORMAT, "version": VERSION, "gripper": gripper.to_dict()}
 
 
-def gripper_of(folders: Sequence[Path]) -> dict[str, str]:
-    """Name and hash of the one gripper with which all lessons of some folders were tried.
-
-    Raises `InputError` where there are two, or a folder does not say.
-    """
-    found: dict[str, str] = {}
-    for folder in folders:
-        told = Fields(f"{folder / ABOUT}", read_json(folder / ABOUT, "what lessons have in common"))
-        told.expect(FORMAT, VERSION)
-        here = {name: told.text(name) for name in ("gripper", "gripper_sha256")}
-        if found and here != found:
-            raise InputError(
-                f"{folder / ABOUT}: these were tried with {here['gripper']}, others with {found['gripper']}; "
-                "an evaluator learns one gripper"
-            )
-        found = here
-    return found
+def gripper_of(folder: Path) -> Gripper:
+    """With what all lessons of a folder were tried. Raises `InputError` where the folder does not say."""
+    told = Fields(f"{folder / ABOUT}", read_json(folder / ABOUT, "what lessons have in common"))
+    told.expect(FORMAT, VERSION)
+    return Gripper.from_dict(told.inside("gripper"))

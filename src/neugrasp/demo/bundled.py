@@ -11,10 +11,10 @@ import numpy as np
 from neugrasp.data.npz import npz_arrays
 from neugrasp.data.scene_folder import read_scene
 from neugrasp.data.whole_or_nothing import whole_or_nothing
-from neugrasp.detection.contract import Detection
-from neugrasp.detection.detector import NeuGraspDetector
+from neugrasp.detection.contract import Detection, Detector
 from neugrasp.detection.files import FILES
 from neugrasp.errors import InputError
+from neugrasp.observation import Observation
 from neugrasp.pictures import slice_picture, surface_sheet, write_picture
 
 
@@ -35,7 +35,7 @@ def demo_scenes() -> list[DemoScene]:
     return [DemoScene(folder.name, folder) for folder in folders]
 
 
-def run_demo(scene: DemoScene, detector: NeuGraspDetector, out: Path) -> Detection:
+def run_demo(scene: DemoScene, detector: Detector[Observation], out: Path) -> Detection:
     """Predicts a scene and writes its four files, surface.png and slice.png into `out`."""
     with whole_or_nothing(out, FILES) as part:
         views = read_scene(scene.folder)

@@ -9,8 +9,8 @@ from pathlib import Path
 from neugrasp.demo import bundled
 from neugrasp.demo.command import Demo
 from neugrasp.detection.contract import Detection
-from neugrasp.detection.detector import NeuGraspDetector
 from neugrasp.detection.explanation import explain
+from neugrasp.detection.registry import load_detector
 from neugrasp.progress import counted
 from neugrasp.terminal import next_step
 
@@ -23,8 +23,8 @@ ROW = "{:<24} {:>6} {:>6} {:>8} {:>8}  {}"
 def run(config: Demo) -> Iterator[str]:
     """`neugrasp demo`: a line at a time."""
     began = time.monotonic()
-    detector = NeuGraspDetector.load(
-        config.weights, config.gripper, config.device, precision=config.precision
+    detector = load_detector(
+        weights=config.weights, gripper=config.gripper, device=config.device, precision=config.precision
     )
     scenes = bundled.demo_scenes()
     yield ROW.format("scene", "grasps", "best", "width", "seconds", "pictures")

@@ -23,6 +23,7 @@ from neugrasp.grasp import Grasps
 from neugrasp.gripper import Gripper
 from neugrasp.model.checkpoint import find_weights, load_checkpoint
 from neugrasp.model.compute import Compute
+from neugrasp.model.evaluator_file import shipped_evaluators
 from neugrasp.model.inputs import ViewTensors, prepare
 from neugrasp.model.network import NeuGrasp
 from neugrasp.observation import Observation, with_backgrounds
@@ -212,3 +213,15 @@ def _judged_facts(options: DetectorOptions) -> dict[str, Any]:
 SPEC = DetectorSpec(PHOTOS, NeuGraspDetector.of, facts_of)
 JUDGED = DetectorSpec(PHOTOS, NeuGraspDetector.judged, _judged_facts)
 """The same surface; an evaluator of grasps in place of the head's scores and the rules."""
+
+
+def _asked(options: DetectorOptions) -> DetectorSpec:
+    known = options.weights in shipped_evaluators() or options.evaluator != DetectorOptions.evaluator
+    return JUDGED if known and options.hand_check else SPEC
+
+
+AUTO = DetectorSpec(
+    PHOTOS, lambda options: _asked(options).load(options), lambda options: _asked(options).facts(options)
+)
+"""With an evaluator where one knows the surfaces of the weights or is given; else, and where the hand is not
+to be checked, head and rules."""

@@ -19,9 +19,9 @@ from neugrasp.errors import InputError
 from neugrasp.geometry.fusion import Grid
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.grasp import Grasp
-from neugrasp.gripper import Gripper, gripper_hash
+from neugrasp.gripper import Gripper
 from neugrasp.model.evaluator_file import find_evaluator, load_evaluator
-from neugrasp.model.grasp_evaluator import FineGrid, GraspEvaluator, boxes, numbers
+from neugrasp.model.grasp_evaluator import FineGrid, GraspEvaluator, Hand, boxes, numbers
 
 OPENING_DEPTHS = (-0.012, -0.004, 0.004)
 """Metres along the approach from the TCP at which it is looked how wide something is: where the pads are."""
@@ -55,7 +55,7 @@ class Judge:
 
     def __init__(self, network: GraspEvaluator, gripper: Gripper, config: JudgeConfig | None = None):
         self.network = network.eval()
-        self.gripper = gripper
+        self.gripper, self.hand = gripper, Hand.of(gripper)
         self.config = config or JudgeConfig()
         self.candidates = Candidates(gripper)
 
@@ -65,17 +65,12 @@ class Judge:
     ) -> Judge:
         """From a shipped evaluator by name, or a file; without a `threshold`, the one noted there.
 
-        Raises `InputError` where it reads another cube, or was taught with another gripper.
+        Raises `InputError` where it reads another cube, or the gripper cannot be read.
         """
         found = load_evaluator(name)
         if found.workspace.cube != workspace.cube:
             raise InputError(
                 f"the evaluator {name} reads {found.workspace.describe()}, not {workspace.describe()}"
-            )
-        if gripper_hash(gripper) != found.about.get("gripper_sha256"):
-            raise InputError(
-                f"the evaluator {name} was taught with the gripper {found.about.get('gripper')!r}, "
-                f"not with {gripper}; teach it with that one (neugrasp train-evaluator)"
             )
         noted = found.about.get("threshold", JudgeConfig.threshold)
         config = JudgeConfig(threshold=float(noted if threshold is None else threshold))
@@ -125,7 +120,7 @@ class Judge:
         told = torch.from_numpy(poses.astype(np.float32))
         ask = self.network.symmetric if symmetric else self.network
         said: np.ndarray = (
-            ask(boxes(fine, told), numbers(told, workspace)).sigmoid().numpy()
+            ask(boxes(fine, told), numbers(told, workspace), self.hand).sigmoid().numpy()
             if len(poses)
             else np.zeros(0, np.float32)
         )

@@ -72,8 +72,10 @@ def photo_detector(name: str, what: str) -> DetectorSpec:
     return spec
 
 
-def load_detector(name: str = "neugrasp", **options: Any) -> Detector[Any]:
+def load_detector(name: str = "auto", **options: Any) -> Detector[Any]:
     """A detector by name, or shipped weights by name, or a weights file, ready to use.
+
+    `auto` is `neugrasp-evaluator` where an evaluator knows the weights, else `neugrasp`.
 
     `options` are the fields of `DetectorOptions`: gripper, threshold, device and so on. Raises `InputError`
     where there is no such detector or an option cannot be used, `TypeError` on an unknown option.

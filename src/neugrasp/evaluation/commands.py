@@ -21,7 +21,8 @@ class Evaluate:
     """Folder for metrics.json, attempts.jsonl and rounds/."""
     detector: str = "neugrasp"
     """neugrasp, vgn, graspnerf, graspnerf-tsdf, or one of your own by name or as package.module:NAME
-    (docs/benchmark.md); oracle and antipodal are told the true surface: measuring sticks, no detectors."""
+    (docs/benchmark.md); oracle, antipodal and perfect-judge are told the true surface: measuring sticks, no
+    detectors."""
     scene: Literal["packed", "pile", "single"] = "packed"
     """Arrangement of the objects."""
     materials: Literal["transparent-specular", "diffuse", "mixed", "specular", "transparent"] = (

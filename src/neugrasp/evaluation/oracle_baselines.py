@@ -13,6 +13,7 @@ import numpy as np
 
 from neugrasp.baselines.antipodal import antipodal_grasp
 from neugrasp.baselines.vgn import VgnHead, is_public, selection_of, vgn_facts, vgn_selection
+from neugrasp.detection.candidates import Candidates
 from neugrasp.detection.collision_filter import CollisionFilter
 from neugrasp.detection.contract import Detection
 from neugrasp.detection.decode import SelectionConfig, select_grasps
@@ -22,7 +23,7 @@ from neugrasp.detection.options import DetectorOptions
 from neugrasp.detection.registry import TRUTH, DetectorSpec
 from neugrasp.detection.test_time_augmentation import predict_grasps
 from neugrasp.geometry.workspace import USUAL
-from neugrasp.grasp import Grasps
+from neugrasp.grasp import Grasp, Grasps
 from neugrasp.gripper import Gripper
 from neugrasp.model.checkpoint import load_checkpoint
 from neugrasp.model.grasp_head import GraspHead
@@ -87,6 +88,32 @@ class Antipodal:
         return Detection(grasps, truth.workspace, self.gripper, tsdf, rejected)
 
 
+@dataclass(frozen=True)
+class PerfectJudge:
+    """Knows of each candidate whether it holds, because physics has tried it: what no detector can surpass
+    that draws its grasps from a surface."""
+
+    gripper: Gripper
+    seed: int
+    draws: tuple[int, ...] = (24, 48, 96, 192, 384)
+    """Candidates that are drawn and tried, more and more until one of them holds."""
+
+    def detect(self, truth: Truth) -> Detection:
+        """Those that hold, in random order, all equally good."""
+        tsdf, candidates = truth.tsdf.values, Candidates(self.gripper)
+        rng = np.random.default_rng([self.seed, zlib.crc32(tsdf.tobytes())])
+        held, failed = np.zeros((0, 4, 4)), 0
+        for count in self.draws:
+            poses = candidates.draw(tsdf, truth.workspace, rng, count)
+            holds = truth.holds(poses)
+            held, failed = poses[holds], failed + int(np.count_nonzero(~holds))
+            if len(held):
+                break
+        placed = truth.workspace.world_from_workspace
+        grasps = Grasps.of(Grasp(pose, self.gripper.max_opening).moved(placed) for pose in held)
+        return Detection(grasps, truth.workspace, self.gripper, tsdf, {"failed_when_tried": failed})
+
+
 def _oracle(options: DetectorOptions) -> Oracle:
     gripper = Gripper.load(options.gripper)
     if is_public(options.weights):
@@ -110,6 +137,10 @@ def _judged_facts(options: DetectorOptions) -> dict[str, Any]:
     return judge_facts(options, USUAL)
 
 
+def _perfect(options: DetectorOptions) -> PerfectJudge:
+    return PerfectJudge(Gripper.load(options.gripper), options.seed)
+
+
 def _antipodal(options: DetectorOptions) -> Antipodal:
     return Antipodal(Gripper.load(options.gripper), options.seed)
 
@@ -117,3 +148,4 @@ def _antipodal(options: DetectorOptions) -> Antipodal:
 ORACLE = DetectorSpec(TRUTH, _oracle, _oracle_facts)
 JUDGED = DetectorSpec(TRUTH, _judged, _judged_facts)
 ANTIPODAL = DetectorSpec(TRUTH, _antipodal)
+PERFECT = DetectorSpec(TRUTH, _perfect)

@@ -9,6 +9,7 @@ import numpy as np
 
 from neugrasp.data.scene_folder import photo_files
 from neugrasp.detection.detector import NeuGraspDetector
+from neugrasp.detection.registry import load_detector
 from neugrasp.errors import InputError
 from neugrasp.figures.command import DEFAULT_SCENE, Figure
 from neugrasp.figures.features import features_figure
@@ -36,12 +37,17 @@ def run(config: Figure) -> str:
 
 
 def _drawn(config: Figure) -> Image:
+    source = open_figure_input(config.scene, config.view)
+    if config.which == "trajectory":
+        finds = load_detector(
+            weights=config.weights, gripper=config.gripper, device=config.device, precision=config.precision
+        )
+        found = finds.detect(source.views)
+        return trajectory_figure(source, found, found.gripper)
     load = partial(
         NeuGraspDetector.load, gripper=config.gripper, device=config.device, precision=config.precision
     )
-    source, detector = open_figure_input(config.scene, config.view), load(config.weights)
+    detector = load(config.weights)
     if config.which == "features":
         return features_figure(source, detector.model, np.random.default_rng(config.seed))
-    if config.which == "priors":
-        return priors_figure(source, detector, None if config.without is None else load(config.without))
-    return trajectory_figure(source, detector.detect(source.views), detector.gripper)
+    return priors_figure(source, detector, None if config.without is None else load(config.without))

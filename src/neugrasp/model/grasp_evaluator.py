@@ -1,19 +1,24 @@
 """Does this grasp hold? A small network that sees the surface in the grasp's own frame.
 
 Not in the paper. The head answers for every voxel at once, in the frame of the grid, and must learn each pose
-anew; here all poses are one, so single trials of physics teach all of them.
+anew; here all poses are one, so single trials of physics teach all of them. The open hand is seen in the same
+frame, so that another gripper is another input and not another network.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float, Float32, Int8
+from scipy.spatial import ConvexHull
 from torch import Tensor, nn
 
+from neugrasp.geometry.pose import Array
 from neugrasp.geometry.workspace import Workspace
+from neugrasp.gripper import Gripper
 
 ACROSS = (-0.06, -0.03, -0.012, 0.0, 0.012, 0.03, 0.06)
 """Metres along x, across the fingers: those of the Panda are 2 cm wide, what is held may turn farther out."""
@@ -26,7 +31,9 @@ FINER = 3
 """A grid is interpolated once to so many voxels for one; the nearest of these is read for each value."""
 LEVELS = 127
 """Whole numbers of a distance of one truncation: 0.24 mm each, less than a grid knows."""
-NUMBERS = 4
+NUMBERS, HAND_NUMBERS = 4, 3
+NEAR = 0.03
+"""Metres from a part of the hand that are one in a `Hand`'s box."""
 SIDES = ((False, False), (True, True), (True, False), (False, True))
 """In which mirrors, across x and y, a grasp is the same: `mirrored`."""
 CHUNK = 40
@@ -104,6 +111,57 @@ def mirrored(
     return (box.flip(axes) if axes else box), of_up * signs
 
 
+@dataclass(frozen=True)
+class Hand:
+    """Open grippers in the frame of a grasp: one for all grasps of a batch, or one for each."""
+
+    box: Float32[Tensor, "h 7 23 16"]
+    """Signed distance to the nearest part, in units of `NEAR`, within [-1, 1]; + outside."""
+    numbers: Float32[Tensor, "h 3"]
+    """What shapes do not tell: how far it opens, how hard it closes, how its pads rub; 0 is the Panda's."""
+
+    @classmethod
+    def of(cls, gripper: Gripper) -> Hand:
+        """One gripper. Fingers on a linkage stand as far ahead as they come when they close."""
+        points = box_points().numpy() + np.array([0, 0, gripper.tcp_height])
+        mount = np.array([0, gripper.max_opening / 2, gripper.finger_mount])
+        parts = [*gripper.palm.hulls]
+        for hull in gripper.finger.hulls:
+            parts += [hull + mount, (hull + mount) * [-1, -1, 1]]
+        distance = np.min([_outside_of(part, points) for part in parts], axis=0) / NEAR
+        numbers = [
+            gripper.max_opening / 0.08 - 1,
+            np.log(gripper.closing_force / 20),
+            gripper.pads.lateral_friction - 1,
+        ]
+        box = torch.from_numpy(distance.clip(-1, 1)).float().reshape(1, *BOX)
+        return cls(box, torch.tensor([numbers]).float())
+
+    @classmethod
+    def joined(cls, hands: list[Hand]) -> Hand:
+        """All in one; needs at least one."""
+        return cls(torch.cat([hand.box for hand in hands]), torch.cat([hand.numbers for hand in hands]))
+
+    def __getitem__(self, chosen: Tensor | slice) -> Hand:
+        return Hand(self.box[chosen], self.numbers[chosen])
+
+    def to(self, device: torch.device | str) -> Hand:
+        """The same on another device."""
+        return Hand(self.box.to(device), self.numbers.to(device))
+
+    def mirrored(self, x: bool, y: bool) -> Hand:
+        """As `mirrored`: two fingers need not be each other's mirror image."""
+        axes = [axis for axis, flips in ((1, x), (2, y)) if flips]
+        return Hand(self.box.flip(axes), self.numbers) if axes else self
+
+
+def _outside_of(hull: Array, points: Array) -> Array:
+    """Metres (n,) by which points (n, 3) lie outside a convex part; inside, negative. Before an edge or a
+    corner it is less than the distance."""
+    planes = ConvexHull(hull).equations
+    return np.asarray((points @ planes[:, :3].T + planes[:, 3]).max(axis=1))
+
+
 class GraspEvaluator(nn.Module):
     """Boxes to the probability that a grasp holds. Slices across the fingers are channels."""
 
@@ -111,8 +169,9 @@ class GraspEvaluator(nn.Module):
         super().__init__()
         first, second, third = widths
         self.widths, self.hidden = widths, hidden
+        self.see_surface = nn.Conv2d(BOX[0], first, 3, stride=2, padding=1)
+        self.see_hand = nn.Conv2d(BOX[0], first, 3, stride=2, padding=1, bias=False)
         self.see = nn.Sequential(
-            nn.Conv2d(BOX[0], first, 3, stride=2, padding=1),
             nn.ReLU(),
             nn.Conv2d(first, second, 3, stride=2, padding=1),
             nn.ReLU(),
@@ -120,20 +179,26 @@ class GraspEvaluator(nn.Module):
             nn.ReLU(),
         )
         cells = _half(_half(ALONG)) * _half(_half(DEEP))
-        self.weigh = nn.Sequential(
-            nn.Linear(third * cells + NUMBERS, hidden), nn.ReLU(), nn.Linear(hidden, hidden), nn.ReLU()
-        )
+        inputs = third * cells + NUMBERS + HAND_NUMBERS
+        self.weigh = nn.Sequential(nn.Linear(inputs, hidden), nn.ReLU(), nn.Linear(hidden, hidden), nn.ReLU())
         self.answer = nn.Linear(hidden, 1)
 
-    def forward(self, box: Int8[Tensor, "k 7 23 16"], of_up: Float[Tensor, "k 4"]) -> Float[Tensor, " k"]:
-        """Logits of boxes and numbers."""
-        seen = self.see((box.float() / LEVELS).contiguous(memory_format=torch.channels_last))
-        logits: Tensor = self.answer(self.weigh(torch.cat([seen.flatten(1), of_up], dim=1)))
+    def forward(
+        self, box: Int8[Tensor, "k 7 23 16"], of_up: Float[Tensor, "k 4"], hand: Hand
+    ) -> Float[Tensor, " k"]:
+        """Logits of boxes and numbers; `hand` is one, or one for each."""
+        surface = (box.float() / LEVELS).contiguous(memory_format=torch.channels_last)
+        # One hand is looked at once, however many grasps there are.
+        seen = self.see(self.see_surface(surface) + self.see_hand(hand.box))
+        of_hand = hand.numbers.expand(len(box), HAND_NUMBERS)
+        logits: Tensor = self.answer(self.weigh(torch.cat([seen.flatten(1), of_up, of_hand], dim=1)))
         return logits.squeeze(1)
 
-    def symmetric(self, box: Int8[Tensor, "k 7 23 16"], of_up: Float[Tensor, "k 4"]) -> Float[Tensor, " k"]:
+    def symmetric(
+        self, box: Int8[Tensor, "k 7 23 16"], of_up: Float[Tensor, "k 4"], hand: Hand
+    ) -> Float[Tensor, " k"]:
         """The mean logits of a grasp and its mirror images, which `forward` has only learned."""
-        answers = [self(*mirrored(box, of_up, x, y)) for x, y in SIDES]
+        answers = [self(*mirrored(box, of_up, x, y), hand.mirrored(x, y)) for x, y in SIDES]
         return torch.stack(answers).mean(0)
 
 

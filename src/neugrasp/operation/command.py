@@ -21,8 +21,8 @@ class Run:
     out: Path = Path("outputs/run")
     """Folder for run.json and rounds/, like those of `neugrasp evaluate`: `inspect-episode`, `view` and
     `failures` read them."""
-    detector: str = "neugrasp"
-    """A detector as in `neugrasp evaluate`; oracle knows the true surface of a simulated table, and needs
+    detector: str = "auto"
+    """A detector as in `neugrasp predict`; oracle knows the true surface of a simulated table, and needs
     no photos."""
     weights: str = "neugrasp"
     """A name of bundled weights, or a file."""

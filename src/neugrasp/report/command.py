@@ -20,21 +20,22 @@ class Predict:
     """A scene folder: scene.json, images/, backgrounds/ (docs/data_format.md)."""
     out: Path = Path("outputs/prediction")
     """Output folder; all files are written, or none."""
-    detector: str = "neugrasp"
-    """A detector that takes photos: its name, or package.module:NAME (docs/benchmark.md)."""
+    detector: str = "auto"
+    """A detector that takes photos: its name, or package.module:NAME (docs/benchmark.md). auto: the network,
+    whose grasps an evaluator judges if one knows the weights; else its head (neugrasp)."""
     weights: str = "neugrasp"
     """A name of bundled weights, or a file."""
     gripper: str = "panda"
     """A name of a bundled gripper, or a file."""
     threshold: float | None = None
-    """Minimum score of a grasp; by default the threshold stored with the weights."""
+    """Minimum score of a grasp; by default the one stored with the evaluator, or with the weights."""
     report: bool = False
     """Also write report.html: the scene in 3D, why candidates were rejected, the doctor's verdict."""
     hand_check: bool = True
-    """Push each grasp as deep as the surface allows, and drop grasps that would collide or close on
-    nothing."""
+    """Without an evaluator: push each grasp as deep as the surface allows, and drop grasps that would
+    collide or close on nothing."""
     evaluator: str = "neugrasp"
-    """The evaluator of grasps that `--detector neugrasp-evaluator` asks: a bundled name, or a file."""
+    """The evaluator that judges grasps: a bundled name, or a file."""
     steering: Steering = field(default_factory=Steering)
     device: str = "cpu"
     """Device of PyTorch: cpu, cuda, cuda:1."""

@@ -6,14 +6,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Bool
 from numpy.typing import NDArray
 
 from neugrasp.data.world import Body, Cell
+from neugrasp.execution import SUCCESS
 from neugrasp.geometry.camera import Camera
 from neugrasp.geometry.fusion import Tsdf
+from neugrasp.geometry.pose import Array
 from neugrasp.geometry.workspace import Workspace
 from neugrasp.observation import DepthView, DepthViews, Observation, View, Views
 from neugrasp.robot.simulated import SimulatedRobot
+from neugrasp.simulation.batched_trials import execute_each
 from neugrasp.simulation.cell_photos import Photos, SceneRenderer
 from neugrasp.simulation.gt_tsdf import scan
 from neugrasp.simulation.objects import ObjectLibrary
@@ -88,6 +92,9 @@ class Truth:
 
     tsdf: Tsdf
     workspace: Workspace
+    holds: Callable[[Array], Bool[np.ndarray, " n"]]
+    """Of TCP poses (n, 4, 4), workspace frame, which hold something when physics tries them. Nothing has
+    moved afterwards. For as long as the table stays as it is."""
 
 
 class TruthCamera:
@@ -102,5 +109,9 @@ class TruthCamera:
         bodies = self._world.bodies()
         if self._seen is None or self._seen[0] != bodies:
             workspace = self._world.workspace
-            self._seen = (bodies, Truth(scan(self._world, workspace), workspace))
+            self._seen = (bodies, Truth(scan(self._world, workspace), workspace, self._holds))
         return self._seen[1]
+
+    def _holds(self, poses: Array) -> Bool[np.ndarray, " n"]:
+        trials = execute_each(self._world, poses)
+        return np.array([trial.reason == SUCCESS for trial in trials], dtype=np.bool_)

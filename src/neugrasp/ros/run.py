@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from neugrasp.client import Client
 from neugrasp.detection.contract import Detection
-from neugrasp.detection.detector import NeuGraspDetector
+from neugrasp.detection.registry import load_detector
 from neugrasp.doctor.examination import examine_read
 from neugrasp.doctor.findings import Level
 from neugrasp.errors import InputError, require
@@ -39,7 +39,8 @@ def run(config: Ros) -> str | None:
 def detecting(given: Parameters) -> Callable[[Views], Detection]:
     """What finds grasps, with the doctor's quick look before; here, or on a server."""
     if given.server is None:
-        return examined(NeuGraspDetector.load(given.weights, given.gripper, given.device).detect)
+        local = load_detector(weights=given.weights, gripper=given.gripper, device=given.device)
+        return examined(local.detect)
     client = Client(given.server)
     return examined(client.detect)
 

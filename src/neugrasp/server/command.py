@@ -16,19 +16,19 @@ class Serve:
 
     doing: ClassVar[str] = "loading the weights, then listening until Ctrl-C"
 
-    detector: str = "neugrasp"
-    """A detector that takes photos: its name, or package.module:NAME (docs/benchmark.md)."""
+    detector: str = "auto"
+    """A detector that takes photos, as in `neugrasp predict`."""
     weights: str = "neugrasp"
     """A name of bundled weights, or a file."""
     gripper: str = "panda"
     """A name of a bundled gripper, or a file."""
     threshold: float | None = None
-    """Minimum score of a grasp; by default the threshold stored with the weights."""
+    """Minimum score of a grasp; by default the one stored with the evaluator, or with the weights."""
     hand_check: bool = True
-    """Push each grasp as deep as the surface allows, and drop grasps that would collide or close on
-    nothing."""
+    """Without an evaluator: push each grasp as deep as the surface allows, and drop grasps that would
+    collide or close on nothing."""
     evaluator: str = "neugrasp"
-    """The evaluator of grasps that `--detector neugrasp-evaluator` asks: a bundled name, or a file."""
+    """The evaluator that judges grasps: a bundled name, or a file."""
     devices: tuple[str, ...] = ("cpu",)
     """Devices of PyTorch, with one worker on each: cpu, or cuda:0 cuda:1."""
     precision: Literal["float32", "bfloat16"] = "float32"

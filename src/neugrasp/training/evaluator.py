@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import logging
 import math
 import zlib
@@ -102,7 +103,8 @@ def train_evaluator(run: EvaluatorRun, stop_after: int | None = None) -> Path:
     config, workspace = run.config, USUAL
     if any(run.out.glob("*.safetensors")) and not run.resume:
         raise InputError(f"{run.out}: holds an earlier run; add --resume to go on with it, or another --out")
-    files, gripper = _files(run.data), gripper_of(run.data)
+    files = _files(run.data)
+    grippers = {folder: gripper_of(folder) for folder in run.data}
     aside = [file for file in files if is_held_out(file)]
     torch.manual_seed(config.seed)
     device = Compute.of(run.device).device
@@ -110,20 +112,21 @@ def train_evaluator(run: EvaluatorRun, stop_after: int | None = None) -> Path:
     model.to(device).train()
     learner = TrainState.of(model, config)
     contents = [(f.parent.name, f.name, f.stat().st_size) for f in files]
-    digest = hashlib.sha256(repr(contents).encode()).hexdigest()
+    tried_with = [json.dumps(gripper.to_dict()) for gripper in grippers.values()]
+    digest = hashlib.sha256(repr((contents, tried_with)).encode()).hexdigest()
     identity = Identity(config, digest, run.init and Path(run.init).name)
     with lock_folder(run.out, "train"):
         saved = read_state(run.out)
         start = saved.restore(learner, identity) if saved else 0
         last = min(config.steps, stop_after or config.steps)
         kept = [f for f in files if f not in aside]
-        taught = seen_of([read_lesson(f) for f in kept], workspace)
-        judged = seen_of([read_lesson(f) for f in aside], workspace)
+        taught = seen_of([(read_lesson(f), grippers[f.parent]) for f in kept], workspace)
+        judged = seen_of([(read_lesson(f), grippers[f.parent]) for f in aside], workspace)
         log.info("%d trials of %d files, %d kept aside", len(taught.success), len(kept), len(judged.success))
-        weights = run.out / "evaluator.safetensors"
+        weights, names = run.out / "evaluator.safetensors", sorted({one.name for one in grippers.values()})
 
         def keep(step: int, scores: dict[str, float]) -> None:
-            about = {"steps": step, "trials": len(taught.success), "files": len(kept), **gripper}
+            about = {"steps": step, "trials": len(taught.success), "files": len(kept), "grippers": names}
             told = about | {"commit": source_commit(), "scores": scores, "config": asdict(config)}
             save_evaluator(weights, learner.smooth, workspace, told)
 
@@ -169,6 +172,11 @@ class EvaluatorLoss(nn.Module):
 
     def forward(self, trials: TrialBatch, _step: int) -> dict[str, Tensor]:
         """The loss of a step, as the training loop wants it."""
-        views = zip(SIDES, trials.box.chunk(4), trials.of_up.chunk(4), strict=False)
-        logits = torch.cat([self.model(*mirrored(box, of_up, x, y)) for (x, y), box, of_up in views])
-        return {"loss": F.binary_cross_entropy_with_logits(logits, trials.success, trials.weights)}
+        quarters = torch.arange(len(trials.box)).chunk(4)
+        logits = [
+            self.model(
+                *mirrored(trials.box[some], trials.of_up[some], x, y), trials.hand[some].mirrored(x, y)
+            )
+            for (x, y), some in zip(SIDES, quarters, strict=False)
+        ]
+        return {"loss": F.binary_cross_entropy_with_logits(torch.cat(logits), trials.success, trials.weights)}

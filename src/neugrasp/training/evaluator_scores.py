@@ -25,8 +25,10 @@ def probabilities(model: GraspEvaluator, seen: Seen, at_once: int = 1024) -> Flo
     model.eval()
     device = next(model.parameters()).device
     parts = [
-        model.symmetric(box.to(device), of_up.to(device))
-        for box, of_up in zip(seen.box.split(at_once), seen.of_up.split(at_once), strict=True)
+        model.symmetric(box.to(device), of_up.to(device), seen.hands[hand].to(device))
+        for box, of_up, hand in zip(
+            *(each.split(at_once) for each in (seen.box, seen.of_up, seen.hand)), strict=True
+        )
     ]
     model.train(was_training)
     found: np.ndarray = torch.cat(parts).sigmoid().cpu().numpy()

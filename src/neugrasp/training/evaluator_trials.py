@@ -7,14 +7,15 @@ from typing import Protocol
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int8
+from jaxtyping import Bool, Float, Int8, Int64
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 from torch.utils.data import Dataset
 
 from neugrasp.data.lessons import Lesson
 from neugrasp.geometry.workspace import Workspace
-from neugrasp.model.grasp_evaluator import BOX, FineGrid, boxes, numbers
+from neugrasp.gripper import Gripper
+from neugrasp.model.grasp_evaluator import BOX, FineGrid, Hand, boxes, numbers
 
 
 class Passes(Protocol):
@@ -41,6 +42,8 @@ class TrialBatch:
     """As `boxes` gives them."""
     of_up: Float[Tensor, "k 4"]
     """As `numbers` gives them."""
+    hand: Hand
+    """The k grippers that they were tried with."""
     success: Float[Tensor, " k"]
     """1 where it held, else 0."""
     weights: Float[Tensor, " k"]
@@ -48,7 +51,13 @@ class TrialBatch:
 
     def to(self, device: torch.device | str) -> TrialBatch:
         """The same on another device."""
-        return TrialBatch(*(each.to(device) for each in (self.box, self.of_up, self.success, self.weights)))
+        return TrialBatch(
+            self.box.to(device),
+            self.of_up.to(device),
+            self.hand.to(device),
+            self.success.to(device),
+            self.weights.to(device),
+        )
 
 
 @dataclass(frozen=True)
@@ -59,16 +68,22 @@ class Seen:
     """As `boxes` gives them."""
     of_up: Float[Tensor, "k 4"]
     """As `numbers` gives them."""
+    hands: Hand
+    """All grippers."""
+    hand: Int64[Tensor, " k"]
+    """Which of them each was tried with."""
     success: Float[Tensor, " k"]
     """1 where it held, else 0."""
     free: Bool[np.ndarray, " k"]
     """Whether the hand got there without a collision."""
 
 
-def seen_of(lessons: list[Lesson], workspace: Workspace) -> Seen:
-    """All trials of some lessons."""
+def seen_of(lessons: list[tuple[Lesson, Gripper]], workspace: Workspace) -> Seen:
+    """All trials of some lessons, each with the gripper that tried."""
     box, of_up = [], []
-    for lesson in lessons:
+    grippers = list({id(gripper): gripper for _, gripper in lessons}.values())
+    places = {id(gripper): place for place, gripper in enumerate(grippers)}
+    for lesson, _ in lessons:
         poses = np.zeros((len(lesson), 4, 4), np.float32)
         if len(lesson):
             poses[:, :3, :3] = Rotation.from_quat(lesson.quaternions).as_matrix()
@@ -81,12 +96,14 @@ def seen_of(lessons: list[Lesson], workspace: Workspace) -> Seen:
             fine = FineGrid.of(torch.from_numpy(grid.astype(np.float32)), workspace)
             here[where] = boxes(fine, told[where])
         box.append(here)
-    success = np.concatenate([lesson.success for lesson in lessons]).astype(np.float32)
+    success = np.concatenate([lesson.success for lesson, _ in lessons]).astype(np.float32)
     return Seen(
         torch.cat(box),
         torch.cat(of_up),
+        Hand.joined([Hand.of(gripper) for gripper in grippers]),
+        torch.cat([torch.full((len(lesson),), places[id(gripper)]) for lesson, gripper in lessons]),
         torch.from_numpy(success),
-        np.concatenate([lesson.free for lesson in lessons]),
+        np.concatenate([lesson.free for lesson, _ in lessons]),
     )
 
 
@@ -109,5 +126,9 @@ class TrialSteps(Dataset[TrialBatch]):
         chosen = torch.from_numpy(order[place : place + size])
         taught = self.taught
         return TrialBatch(
-            taught.box[chosen], taught.of_up[chosen], taught.success[chosen], self.weights[chosen]
+            taught.box[chosen],
+            taught.of_up[chosen],
+            taught.hands[taught.hand[chosen]],
+            taught.success[chosen],
+            self.weights[chosen],
         )
