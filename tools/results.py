@@ -63,6 +63,21 @@ TOLD = ("oracle", "oracle-evaluator", "antipodal", "perfect-judge")
 """Those that know the true surface."""
 
 
+LEVELS = (
+    ("perfect-judge", "the true surface, and a judge who tries every grasp in physics first"),
+    ("oracle-evaluator", "the true surface, and the evaluator"),
+    ("oracle", "the true surface, and the head with its rules"),
+    ("neugrasp-evaluator", "photos of glass and steel, and the evaluator"),
+    ("neugrasp", "photos of glass and steel, and the head with its rules"),
+)
+"""What each part allows, from the most to the least."""
+CEILINGS = """## What each part allows
+
+What is known of the surface, and who judges grasps; SR / DR of strategy `random`, protocol `paper`. The first
+row is a bound for all that draw their grasps from a surface.
+"""
+
+
 def write_results(folder: Path, out: Path) -> Path:
     """Writes the page; models of the folder's own folder `ablation` are compared in tables of their own, and
     the lab's are those of its lab.md (`benchmarks/lab.py`).
@@ -84,6 +99,8 @@ def write_results(folder: Path, out: Path) -> Path:
             *_origins(some),
             "",
         ]
+    if ceilings := list(_ceilings(list(rows.values()))):
+        lines += [CEILINGS, *ceilings, ""]
     if (folder / "ablation").is_dir():
         some = read_metrics(folder / "ablation")
         lines += [ABLATION, *ablation_table(some), ""]
@@ -185,6 +202,38 @@ def _materials(rows: dict[str, dict[str, Any]]) -> Iterator[str]:
         texts = [f"{c['taken']} of {c['objects']}, {c['share']:.1f} %" if c else "" for c in cells]
         yield "| " + " | ".join([name, *texts]) + " |"
     yield ""
+
+
+def _ceilings(rows: list[dict[str, Any]]) -> Iterator[str]:
+    """SR and DR of each level beside each other; nothing where the first level was not played."""
+    scenes = [scene for scene in ("packed", "pile") if _of_level(rows, LEVELS[0][0], scene)]
+    if not scenes:
+        return
+    yield "| | " + " | ".join(scenes) + " |"
+    yield "|" + "---|" * (1 + len(scenes))
+    for detector, title in LEVELS:
+        cells = []
+        for scene in scenes:
+            row = _of_level(rows, detector, scene)
+            told = row and f"{rate_cell(row, 'SR')} / {rate_cell(row, 'DR')}, {row['rounds']} rounds"
+            cells.append(told or "-")
+        yield f"| {title} (`{detector}`) | " + " | ".join(cells) + " |"
+
+
+def _of_level(rows: list[dict[str, Any]], detector: str, scene: str) -> dict[str, Any] | None:
+    """The longest of the rows of a level, with the weights that are shipped."""
+    usual = {"protocol": "paper", "strategy": "random", "views": "released", "scene": scene}
+    alike = [
+        row
+        for row in rows
+        if row["detector"] == detector
+        and all(row[name] == value for name, value in usual.items())
+        and (detector in TOLD or row["materials"] == "transparent-specular")
+        and row.get("weights", "neugrasp.safetensors") == "neugrasp.safetensors"
+        and row.get("split", "test") == "test"
+        and not {"after_failure", "domain"} & row.keys()
+    ]
+    return max(alike, key=lambda row: row["rounds"], default=None)
 
 
 def _origins(rows: dict[str, dict[str, Any]]) -> Iterator[str]:

@@ -77,6 +77,31 @@ def test_photos_of_other_noise_are_named(tmp_path: Path, samples: int, told: str
     assert f"| neugrasp (vgn_conv.pth{told}) |" in page
 
 
+def test_what_each_part_allows_stands_side_by_side(tmp_path: Path):
+    """Of rows alike the longest counts, and none of other weights or rules."""
+    rows = {
+        "perfect": {"detector": "perfect-judge"},
+        "perfect_pile": {"detector": "perfect-judge", "scene": "pile"},
+        "photos": {"detector": "neugrasp"},
+        "others": {"detector": "neugrasp", "weights": "neugrasp-tsdf.safetensors"},
+        "elsewhere": {"detector": "neugrasp", "after_failure": "elsewhere"},
+        "lab": {"detector": "neugrasp", "domain": {"name": "lab"}},
+    }
+    for name, changes in rows.items():
+        rounds = [played(i, "+-") for i in range(1 if name == "photos" else 2)]
+        content = metrics(rounds, depth=None, materials="transparent-specular", strategy="random")
+        content["weights"] = "neugrasp.safetensors"
+        (tmp_path / f"{name}.json").write_text(json.dumps(content | changes))
+    page = write_results(tmp_path, tmp_path / "results.md").read_text()
+    (told,) = (line for line in page.splitlines() if "(`perfect-judge`)" in line)
+    assert told.count("2 rounds") == 2
+    (told,) = (line for line in page.splitlines() if "rules (`neugrasp`)" in line)
+    assert told.endswith("1 rounds | - |")
+    (tmp_path / "perfect.json").unlink()
+    (tmp_path / "perfect_pile.json").unlink()
+    assert "What each part allows" not in write_results(tmp_path, tmp_path / "results.md").read_text()
+
+
 def test_ablations_have_a_table_of_their_own_beside_the_papers(tmp_path: Path):
     (tmp_path / "row.json").write_text(json.dumps(metrics([played(0, "+")])))
     (tmp_path / "ablation").mkdir()
