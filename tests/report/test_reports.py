@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -79,6 +80,11 @@ def test_no_grasps_are_explained(views: Views):
         text
         == "0 of 64,000: 61,220 off the surface, 2,514 below 0.9 (best 0.83), 266 too wide for the gripper"
     )
+
+
+def test_an_empty_table_is_explained(views: Views):
+    nothing = replace(detection(views, (), np.zeros((40, 40, 40), np.float32)), rejected={"too_narrow": 0})
+    assert explain(nothing) == "nothing stands on the table where the hand could come to it"
 
 
 @pytest.mark.slow

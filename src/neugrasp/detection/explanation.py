@@ -47,6 +47,8 @@ WORDS = {
 def explain(detection: Told) -> str:
     """ "0 of 64,000: 61,220 off the surface, 2,514 below 0.9 (best 0.83), 266 too wide for the gripper"."""
     total = len(detection.grasps) + sum(detection.rejected.values())
+    if not total:
+        return "nothing stands on the table where the hand could come to it"
     text = f"{len(detection.grasps):,} of {total:,}"
     if reasons := reasons_of(detection):
         text += ": " + ", ".join(f"{count:,} {words}" for words, count in reasons)
