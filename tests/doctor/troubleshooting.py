@@ -30,13 +30,13 @@ same test checks it.
 
 ## No grasps came out
 
-`predict` says where all candidates went: `0 of 1,647: 1,610 beside a better one, 37 below 0.7 (best 0.41)`. Without
-an evaluator (`--detector neugrasp`) every voxel is one: `0 of 64,000: 61,220 off the surface, 2,514 below 0.9 (best
-0.83), 266 too wide for the gripper`.
+`predict` says where all candidates went: `0 of 1,647: 1,610 beside a better one, 37 below 0.7 (best 0.41)`.
+Without an evaluator (`--detector neugrasp`) every voxel is one: `0 of 64,000: 61,220 off the surface, 2,514
+below 0.9 (best 0.83), 266 too wide for the gripper`.
 
 | most of them | what it means |
 |---|---|
-| nothing stands on the table | there is no surface where objects stand, or no hand fits: see the report's surface, run the doctor |
+| nothing stands on the table | no surface where objects stand, or no hand fits: see the report, run the doctor |
 | off the surface | there is no surface where objects stand: see the report's surface, run the doctor |
 | below the threshold, best near it | the network is unsure: more light, sharper photos, other views |
 | below the threshold, best far from it | it does not understand the photos: run the doctor |
