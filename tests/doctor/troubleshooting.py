@@ -36,7 +36,7 @@ below 0.9 (best 0.83), 266 too wide for the gripper`.
 
 | most of them | what it means |
 |---|---|
-| nothing stands on the table | no surface where objects stand, or no hand fits: see the report, run the doctor |
+| nothing stands on the table | no surface where objects stand, or no hand fits: run the doctor |
 | off the surface | there is no surface where objects stand: see the report's surface, run the doctor |
 | below the threshold, best near it | the network is unsure: more light, sharper photos, other views |
 | below the threshold, best far from it | it does not understand the photos: run the doctor |
