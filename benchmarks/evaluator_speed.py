@@ -34,7 +34,7 @@ def median_ms(work: Callable[[], object], times: int) -> float:
 
 @torch.no_grad()
 def answers(judge: Judge, box: torch.Tensor, of_up: torch.Tensor) -> torch.Tensor:
-    return torch.sigmoid(judge.network(box, of_up))
+    return torch.sigmoid(judge.network(box, of_up, judge.hand))
 
 
 def rng() -> np.random.Generator:

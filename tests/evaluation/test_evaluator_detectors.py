@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -125,3 +127,12 @@ def test_the_bundled_one_is_small_and_knows_the_panda():
     about = load_evaluator("neugrasp").about
     assert "panda" in about["grippers"]
     assert about["scores"]["auc"] > 0.9
+
+
+@pytest.mark.slow
+def test_how_long_it_takes_is_told():
+    program = Path(__file__).parents[2] / "benchmarks" / "evaluator_speed.py"
+    words = [sys.executable, str(program), "--times", "1", "--threads", "1"]
+    told = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    assert len(told.splitlines()) == 5
+    assert "the whole search" in told
