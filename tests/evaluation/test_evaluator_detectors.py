@@ -126,7 +126,9 @@ def test_the_bundled_one_is_small_and_knows_the_panda():
     assert path.stat().st_size < 500_000
     about = load_evaluator("neugrasp").about
     assert "panda" in about["grippers"]
-    assert about["scores"]["auc"] > 0.9
+    # Many of those kept aside are grasps that an evaluator likes, or is unsure of.
+    assert about["scores"]["auc"] > 0.89
+    assert about["scores"]["calibration_error"] < 0.02
 
 
 @pytest.mark.slow
