@@ -38,6 +38,9 @@ for scene in packed pile; do
   row neugrasp_${scene}_diffuse --scene $scene --materials diffuse --rounds 100 "${photos[@]}"
   row neugrasp_${scene}_transparent-specular_top --scene $scene --strategy top --rounds 100 --samples 1
   row neugrasp-tsdf_${scene}_transparent-specular --scene $scene --rounds 60 --weights neugrasp-tsdf "${photos[@]}"
+  row neugrasp-evaluator_${scene}_transparent-specular --scene $scene --detector neugrasp-evaluator "${photos[@]}"
+  row perfect-judge_$scene --scene $scene --detector perfect-judge --strategy random --rounds 60
+  row oracle-evaluator_$scene --scene $scene --detector oracle-evaluator --strategy random --rounds 100
   row oracle_neugrasp_$scene --scene $scene --detector oracle --strategy random
   row antipodal_$scene --scene $scene --detector antipodal
 done
