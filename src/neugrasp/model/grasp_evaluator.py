@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 import torch.nn.functional as F
-from jaxtyping import Float, Float32, Int8
+from jaxtyping import Float, Float32, Int8, Int64
 from scipy.spatial import ConvexHull
 from torch import Tensor, nn
 
@@ -142,7 +142,8 @@ class Hand:
         """All in one; needs at least one."""
         return cls(torch.cat([hand.box for hand in hands]), torch.cat([hand.numbers for hand in hands]))
 
-    def __getitem__(self, chosen: Tensor | slice) -> Hand:
+    def __getitem__(self, chosen: Int64[Tensor, " n"]) -> Hand:
+        """Those of the numbers `chosen`, one for each."""
         return Hand(self.box[chosen], self.numbers[chosen])
 
     def to(self, device: torch.device | str) -> Hand:
