@@ -439,6 +439,22 @@ def test_too_little_memory_is_said_in_one_line(
     assert not (tmp_path / "out").exists()
 
 
+def interrupted(seconds: float, code: str, *words: str) -> tuple[int, bytes]:
+    """What Python code returns, and says on stderr, that is interrupted so long after its first line."""
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    # A shell that starts the tests in the background tells them, and what they start, to ignore Ctrl-C.
+    heeds = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    with subprocess.Popen([sys.executable, "-c", code, *words], preexec_fn=heeds, **pipes) as process:
+        process.stdout.readline()
+        time.sleep(seconds)
+        process.send_signal(signal.SIGINT)
+        try:
+            _, said = process.communicate(timeout=60)
+        finally:
+            process.kill()
+    return process.returncode, said
+
+
 INTERRUPTED = """
 import sys, time, types
 
@@ -459,19 +475,9 @@ sys.exit(main())
 @pytest.mark.slow
 @pytest.mark.parametrize("seconds", [0, 0.05, 0.15, 0.3, 0.5, 0.8, 1.2, 3])
 def test_an_interruption_in_the_first_second_leaves_no_traceback(seconds: float):
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    # A shell that starts the tests in the background tells them, and what they start, to ignore Ctrl-C.
-    heeds = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
-    with subprocess.Popen([sys.executable, "-c", INTERRUPTED], preexec_fn=heeds, **pipes) as process:
-        process.stdout.readline()
-        time.sleep(seconds)
-        process.send_signal(signal.SIGINT)
-        try:
-            _, said = process.communicate(timeout=60)
-        finally:
-            process.kill()
+    returned, said = interrupted(seconds, INTERRUPTED)
     assert b"Traceback" not in said
-    assert process.returncode == 130
+    assert returned == 130
 
 
 DROPPED = """
@@ -503,18 +509,10 @@ sys.exit(main())
 
 @pytest.mark.parametrize("where", ["finaliser", "callback"])
 def test_an_interruption_is_heeded_where_python_drops_it(where: str):
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    heeds = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
-    with subprocess.Popen([sys.executable, "-c", DROPPED, where], preexec_fn=heeds, **pipes) as process:
-        process.stdout.readline()
-        process.send_signal(signal.SIGINT)
-        try:
-            _, said = process.communicate(timeout=60)
-        finally:
-            process.kill()
+    returned, said = interrupted(0, DROPPED, where)
     assert said.endswith(b"neugrasp: interrupted\n")
     assert b"ignored" not in said
-    assert process.returncode == 130
+    assert returned == 130
 
 
 @pytest.mark.slow

@@ -103,7 +103,8 @@ def judged(judge: Judge, surface: Surface, detection: Detection) -> dict[str, An
     """Everything about one detector in one scene; `surface` is in the workspace frame."""
     found = sampled(surface, np.random.default_rng(0), NUM_POINTS)
     workspace_from_world = inverse(judge.scene.views.workspace.world_from_workspace)
-    least = detection.grasps[0].score - (detection.margin or 1) if detection.grasps else 0
+    margin = 1 if detection.margin is None else detection.margin
+    least = detection.grasps[0].score - margin if detection.grasps else 0
     grasps = [
         judge.grasp(grasp.moved(workspace_from_world)) | {"good_enough": grasp.score >= least}
         for grasp in detection.grasps

@@ -158,13 +158,17 @@ def _constants(row: dict[str, Any]) -> str:
 
 
 def _paper(row: dict[str, Any]) -> str:
-    rules = (row["protocol"], row["views"], row.get("split", "test"))
     sensors = (None, compared_method(row["detector"]).depth)
-    is_plain = "after_failure" not in row and "domain" not in row
-    is_alike = rules == ("paper", "released", "test") and row["depth"] in sensors and is_plain
+    is_alike = _is_of_the_table(row) and row["depth"] in sensors
     knows_no_geometry = row.get("trained", {}).get("recipe") != CONTROL
     key = (row["detector"], row["scene"], row["materials"], row["strategy"])
     return PAPER.get(key, "") if is_alike and knows_no_geometry else ""
+
+
+def _is_of_the_table(row: dict[str, Any]) -> bool:
+    """Whether it was played as the rows of the paper's tables were."""
+    rules = (row["protocol"], row["views"], row.get("split", "test"))
+    return rules == ("paper", "released", "test") and not {"after_failure", "domain"} & row.keys()
 
 
 def _failures(rows: dict[str, dict[str, Any]]) -> Iterator[str]:
@@ -222,16 +226,13 @@ def _ceilings(rows: list[dict[str, Any]]) -> Iterator[str]:
 
 def _of_level(rows: list[dict[str, Any]], detector: str, scene: str) -> dict[str, Any] | None:
     """The longest of the rows of a level, with the weights that are shipped."""
-    usual = {"protocol": "paper", "strategy": "random", "views": "released", "scene": scene}
     alike = [
         row
         for row in rows
-        if row["detector"] == detector
-        and all(row[name] == value for name, value in usual.items())
+        if (row["detector"], row["scene"], row["strategy"]) == (detector, scene, "random")
         and (detector in TOLD or row["materials"] == "transparent-specular")
         and row.get("weights", "neugrasp.safetensors") == "neugrasp.safetensors"
-        and row.get("split", "test") == "test"
-        and not {"after_failure", "domain"} & row.keys()
+        and _is_of_the_table(row)
     ]
     return max(alike, key=lambda row: row["rounds"], default=None)
 

@@ -93,25 +93,25 @@ class PerfectJudge:
     """Knows of each candidate whether it holds, because physics has tried it: what no detector can surpass
     that draws its grasps from a surface."""
 
-    gripper: Gripper
+    candidates: Candidates
     seed: int
     draws: tuple[int, ...] = (24, 48, 96, 192, 384)
     """Candidates that are drawn and tried, more and more until one of them holds."""
 
     def detect(self, truth: Truth) -> Detection:
         """Those that hold, in random order, all equally good."""
-        tsdf, candidates = truth.tsdf.values, Candidates(self.gripper)
+        tsdf, gripper = truth.tsdf.values, self.candidates.gripper
         rng = np.random.default_rng([self.seed, zlib.crc32(tsdf.tobytes())])
         held, failed = np.zeros((0, 4, 4)), 0
         for count in self.draws:
-            poses = candidates.draw(tsdf, truth.workspace, rng, count)
+            poses = self.candidates.draw(tsdf, truth.workspace, rng, count)
             holds = truth.holds(poses)
             held, failed = poses[holds], failed + int(np.count_nonzero(~holds))
             if len(held):
                 break
         placed = truth.workspace.world_from_workspace
-        grasps = Grasps.of(Grasp(pose, self.gripper.max_opening).moved(placed) for pose in held)
-        return Detection(grasps, truth.workspace, self.gripper, tsdf, {"failed_when_tried": failed})
+        grasps = Grasps.of(Grasp(pose, gripper.max_opening).moved(placed) for pose in held)
+        return Detection(grasps, truth.workspace, gripper, tsdf, {"failed_when_tried": failed})
 
 
 def _oracle(options: DetectorOptions) -> Oracle:
@@ -138,7 +138,7 @@ def _judged_facts(options: DetectorOptions) -> dict[str, Any]:
 
 
 def _perfect(options: DetectorOptions) -> PerfectJudge:
-    return PerfectJudge(Gripper.load(options.gripper), options.seed)
+    return PerfectJudge(Candidates(Gripper.load(options.gripper)), options.seed)
 
 
 def _antipodal(options: DetectorOptions) -> Antipodal:
