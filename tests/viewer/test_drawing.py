@@ -18,7 +18,7 @@ from neugrasp.srgb import linear
 from neugrasp.viewer.cameras import base
 from neugrasp.viewer.drawing import colour_of, describe, grasps_of, nodes_of
 from neugrasp.viewer.glb import glb
-from neugrasp.viewer.hand_meshes import TURNED, hand_mesh
+from neugrasp.viewer.hand_meshes import hand_mesh
 from neugrasp.viewer.primitives import Node, PictureNode
 from neugrasp.viewer.scene_data import GraspMarker, SceneData
 from neugrasp.viewer.settings import HANDS, Settings
@@ -116,7 +116,7 @@ def test_pads_are_as_far_apart_as_the_grasp_is_wide(name: str, opening: float):
     assert y[y > -1e-9].min() + -y[y < 1e-9].max() == pytest.approx(opening, abs=2.1e-3)
     assert fingers.vertices[:, 2].max() == pytest.approx(gripper.tip_height - gripper.tcp_height)
     assert volume(fingers) > 0  # Faces look outwards.
-    mirrored = fingers.vertices @ TURNED
+    mirrored = fingers.vertices * [-1, -1, 1]
     apart = np.linalg.norm(mirrored[:, None] - fingers.vertices, axis=-1).min(axis=1)
     assert apart.max() < 1e-9
     assert volume(hand_mesh(gripper, opening)) > volume(fingers)

@@ -7,6 +7,8 @@ where the hand would end up is plain geometry, and the surface is there already.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 from scipy.ndimage import map_coordinates
@@ -115,14 +117,15 @@ def hand_points(gripper: Gripper, spacing: float) -> Float[np.ndarray, "n 3"]:
 
 
 def _finger_points(gripper: Gripper, spacing: float) -> Array:
-    mount = np.array([0.0, gripper.max_opening / 2, gripper.finger_mount])
-    fingers = [_skin(hull, spacing) + mount for hull in gripper.finger.hulls]
-    turned = [points * [-1, -1, 1] for points in fingers]
-    return np.concatenate([*fingers, *turned]) - [0, 0, gripper.tcp_height]
+    return _skins(gripper.finger_hulls(gripper.max_opening), spacing) - [0, 0, gripper.tcp_height]
 
 
 def _palm_points(gripper: Gripper, spacing: float) -> Array:
-    return np.concatenate([_skin(hull, spacing) for hull in gripper.palm.hulls]) - [0, 0, gripper.tcp_height]
+    return _skins(gripper.palm.hulls, spacing) - [0, 0, gripper.tcp_height]
+
+
+def _skins(hulls: Sequence[Array], spacing: float) -> Array:
+    return np.concatenate([_skin(hull, spacing) for hull in hulls])
 
 
 def _read(tsdf: Grid, workspace: Workspace, poses: Array, points: Array) -> np.ndarray:

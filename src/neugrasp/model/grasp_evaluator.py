@@ -124,10 +124,7 @@ class Hand:
     def of(cls, gripper: Gripper) -> Hand:
         """One gripper. Fingers on a linkage stand as far ahead as they come when they close."""
         points = box_points().numpy() + np.array([0, 0, gripper.tcp_height])
-        mount = np.array([0, gripper.max_opening / 2, gripper.finger_mount])
-        parts = [*gripper.palm.hulls]
-        for hull in gripper.finger.hulls:
-            parts += [hull + mount, (hull + mount) * [-1, -1, 1]]
+        parts = (*gripper.palm.hulls, *gripper.finger_hulls(gripper.max_opening))
         distance = np.min([_outside_of(part, points) for part in parts], axis=0) / NEAR
         numbers = [
             gripper.max_opening / 0.08 - 1,

@@ -48,10 +48,8 @@ class Tool:
 
 
 def _fingers(gripper: Gripper, flange_from_hand: Array, opening: float) -> tuple[Array, ...]:
-    mount = np.array([0, opening / 2, gripper.finger_mount - float(gripper.tip_setback(opening))])
-    left = [hull + mount for hull in gripper.finger.hulls]
-    right = [hull * [-1.0, -1.0, 1.0] for hull in left]
-    return tuple(_moved(flange_from_hand, hull) for hull in (*left, *right))
+    hulls = gripper.finger_hulls(opening, float(gripper.tip_setback(opening)))
+    return tuple(_moved(flange_from_hand, hull) for hull in hulls)
 
 
 def _moved(flange_from_hand: Array, points: Array) -> Array:

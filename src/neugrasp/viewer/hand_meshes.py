@@ -7,12 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from neugrasp.geometry.pose import Array, apply, rigid
+from neugrasp.geometry.pose import Array, rigid
 from neugrasp.geometry.surface import Surface
 from neugrasp.gripper import Gripper
 
-TURNED = np.diag([-1.0, -1.0, 1.0])
-"""Takes one finger to the other."""
 BAR = 0.004
 """Edge in metres of the square section of bars that stand for lines."""
 
@@ -20,11 +18,7 @@ BAR = 0.004
 def hand_mesh(gripper: Gripper, opening: float, has_palm: bool = True) -> Surface:
     """The hand in the grasp frame, its pads `opening` metres apart."""
     setback = float(gripper.tip_setback(opening))
-    finger_place = rigid(translation=(0, opening / 2, gripper.finger_mount - setback))
-    fingers = [apply(finger_place, hull) for hull in gripper.finger.hulls]
-    parts = [*fingers, *(hull @ TURNED for hull in fingers)]
-    if has_palm:
-        parts += gripper.palm.hulls
+    parts = [*gripper.finger_hulls(opening, setback), *(gripper.palm.hulls if has_palm else ())]
     hand = joined([convex(part) for part in parts])
     return hand.moved(rigid(translation=(0, 0, setback - gripper.tcp_height)))
 
