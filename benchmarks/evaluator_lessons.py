@@ -7,6 +7,7 @@ The first makes scenes without photos and clears them object by object; in every
 the true surface are tried. The second takes the scenes of `neugrasp generate`: what the weights make of the
 photos is one surface, the true one another; grasps are drawn from each and shown on it alone.
 With `--evaluator FILE` half of the poses are those that this evaluator likes best: its errors become lessons.
+One object in ten weighs more than 1 kg: with `--heavy 9` it is every second, for what is too heavy to hold.
 
 One file NAME.npz (`data/lessons.py`) for a scene. Scenes that are there are left alone, so a run that was
 stopped goes on where it was. Around the grasps that held, or slipped, others are tried: there the line lies.
@@ -45,6 +46,8 @@ from neugrasp.simulation.objects import ObjectLibrary
 from neugrasp.simulation.physics import World
 
 MOST_AROUND = 20
+HEAVY = 1.0
+"""Kilograms."""
 Propose = Callable[[np.ndarray, np.random.Generator], Array]
 """From a grid to poses to try."""
 UNSURE = (0.2, 0.9)
@@ -178,11 +181,16 @@ def main() -> None:
     parser.add_argument(
         "--each", type=int, default=1, help="grasps tried around one that closed on something"
     )
+    parser.add_argument(
+        "--heavy", type=int, default=0, help="how many times more often objects of over 1 kg are chosen"
+    )
     parser.add_argument("--seed", type=int, default=1000)
     parser.add_argument("--gripper", default="panda")
     options = parser.parse_args()
     library = ObjectLibrary.open(sets_of(options), options.objects)
     choices = library.choices("train", options.scene)
+    heavy = [choice for choice in choices if library.model(*choice).mass > HEAVY] if options.heavy else []
+    choices = (*choices, *(options.heavy * heavy))
     gripper, sums = Gripper.load(options.gripper), Counter[str]()
     judge = None
     if options.evaluator is not None:

@@ -144,10 +144,8 @@ class Gripper:
         return np.asarray(np.sqrt(radius**2 - offset**2) - ahead)
 
     def finger_hulls(self, opening: float, setback: float = 0.0) -> tuple[Array, ...]:
-        """Corners (n, 3) of the convex parts of both fingers, hand frame, metres.
-
-        The pads are `opening` metres apart, and stand `setback` metres farther back than closed ones.
-        """
+        """Corners (n, 3) of the convex parts of both fingers, hand frame, metres: the pads `opening` metres
+        apart, and `setback` metres farther back than closed ones."""
         mount = np.array([0.0, opening / 2, self.finger_mount - setback])
         one = [hull + mount for hull in self.finger.hulls]
         return (*one, *(hull * [-1.0, -1.0, 1.0] for hull in one))
